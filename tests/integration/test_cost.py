@@ -83,7 +83,7 @@ def test_the_choice_follows_from_scene_rule_and_steps(monkeypatch):
 
 
 def test_newtons_method_is_compiled_after_a_failure_only_where_that_pays():
-    large, _ = bodies(7)
+    large, _ = bodies(9)
     assert newton_repays(large, vi.gauss(4), 10**6)
     assert not newton_repays(large, vi.gauss(4), 100)
     assert newton_repays(double_pendulum(), vi.gauss(4), 1)  # quick

@@ -115,10 +115,29 @@ def test_the_compiler_starts_where_it_ends_before_the_runs_do(
     found = gears_of(henon_heiles(), vi.gauss(7), BY_STAGES)
     begun = []
     monkeypatch.setattr(gears, "begin_compilation", lambda *source: begun.append(source))
-    whole = gears.compiling_seconds(found.system, found.rule)
+    whole = gears.compiling_seconds(found.system, found.rule) + gears.loop_seconds(found.system)
     for k, (spent, ahead) in enumerate(runs):
         assert gears.kernel_after(found, spent * whole, ahead * whole) is found.low
         assert bool(begun) == (begins is not None and k >= begins), k
+
+
+@pytest.mark.parametrize("loop_is_there", (False, True))
+def test_what_the_cache_holds_of_the_loop_makes_the_compiler_start_sooner(
+    loop_is_there, monkeypatch, tmp_path, forget
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cache.library.cache_clear()
+    system, rule = heavier(1.75), vi.gauss(5)
+    if loop_is_there:
+        compiled(gauss_source(heavier(1.25), rule))
+    found = gears_of(system, rule, BY_STAGES)
+    begun = []
+    monkeypatch.setattr(gears, "begin_compilation", lambda *source: begun.append(source))
+    ahead = gears.compiling_seconds(system, rule) * 2.1  # START, and a little
+    gears.kernel_after(found, ahead, 0.0)
+    assert bool(begun) == loop_is_there
+    gears.kernel_after(found, 2 * gears.loop_seconds(system), 0.0)
+    assert begun
 
 
 def heavier(mass: float) -> vi.System:
@@ -202,6 +221,7 @@ def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path, forget):
     """A compiler that fails, a cache that is full: the run goes on as it began."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(gears, "compiling_seconds", lambda system, rule: 1e-6)
+    monkeypatch.setattr(gears, "loop_seconds", lambda system: 0.0)
     system, rule = henon_heiles(), vi.gauss(5)
     start = {"q0": [0.1, 0.2], "v0": [0.3, 0.1], "h": 0.05, "steps": 3000}
     whole = vi.simulate(henon_heiles(), rule, **start, backend="native")

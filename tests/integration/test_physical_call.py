@@ -93,6 +93,28 @@ def test_the_end_may_be_a_node():
     assert found.t[-1] == pytest.approx(node, rel=1e-14) and len(found) == 13
 
 
+@pytest.mark.parametrize("backend", ["native", "compiled"])
+@pytest.mark.parametrize("steps", [3, 20, 30])
+def test_a_run_takes_no_step_behind_its_end(steps, backend):
+    model = vi.models.kepler(e=0.6)
+    scale = vi.close_encounters(ca.norm_2(model.system.q))
+    how = dict(q0=model.q0, v0=model.v0, h=0.6, rule=vi.gauss(6), time_scale=scale, backend=backend)
+    whole = vi.simulate(model.system, steps=steps, **how)
+    found = vi.simulate(model.system, duration=whole.t[-2:].mean(), **how)
+    assert len(found) == len(whole)
+    assert found.stats["iterations"] == whole.stats["iterations"]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("iteration_tol", [None, 1e-9, 1e-6, 1e-2])
+@pytest.mark.parametrize("rule", [vi.gauss(3), vi.gauss(8)])
+def test_the_clock_shows_the_duration_to_the_last_digit(rule, iteration_tol, sign):
+    model = vi.models.kepler(e=0.6)
+    how = dict(q0=model.q0, v0=model.v0, h=0.1 * sign, rule=rule, iteration_tol=iteration_tol)
+    found = vi.simulate(model.system, duration=sign * 7.3, time_scale="auto", **how)
+    assert found.t[-1] == sign * 7.3
+
+
 def test_more_nodes_than_there_is_room_for(monkeypatch):
     monkeypatch.setattr("varint.codegen.until.ROOM", 300)
     monkeypatch.setattr("varint.codegen.until._rooms", [])

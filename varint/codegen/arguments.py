@@ -85,6 +85,7 @@ class RunArguments(Structure):
         ("notes", c_void_p),
         ("rests", c_void_p),
         ("without_velocities", c_int64),
+        ("end", c_double),
     ]
 
 

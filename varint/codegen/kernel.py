@@ -218,6 +218,7 @@ def run_loop(
             address + 8 * noted if nodes else 0,
             0,
             0,
+            0.0,
         )
     )
     seconds = perf_counter() - began

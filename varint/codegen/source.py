@@ -26,13 +26,13 @@ MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 # statements from which on the compiler's time matters more than the last tenth of the run's
 LARGE_SOURCE = 20_000
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
-# for long functions of single numbers without loops: passes that find next to nothing in these, and
-# take two fifths of the compiler's time
+# for long functions of single numbers without loops: passes that find next to nothing in these take
+# half of the compiler's time, and what it takes for the best use of registers is not seen in a run
 STRAIGHT_LINES = """#if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC optimize ("O1", "tree-slp-vectorize", "no-tree-pta", "no-tree-dse", \
     "no-tree-dominator-opts", "no-ipa-modref", "no-ipa-pure-const", "no-ipa-reference", \
     "no-ipa-profile", "no-dce", "no-dse", "no-cprop-registers", "no-tree-reassoc", \
-    "no-tree-bit-ccp")
+    "no-tree-bit-ccp", "no-tree-fre", "ira-algorithm=priority")
 #endif
 """
 # angles whose sines are asked for by one call: where unknowns are few, two are faster one by one

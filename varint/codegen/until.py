@@ -20,7 +20,7 @@ from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _HEAD = struct.Struct("4P3q")  # Until: what follows from the scene
 _WHERE = struct.Struct("3Pq")  # where it is to write
-_ASKED = struct.Struct("2Pq8d")  # the rest of it
+_ASKED = struct.Struct("2Pq7d")  # the rest of it
 _TOLD = struct.Struct("4qd")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
 PROVED_AT, TOLD = 5, 11  # behind what is told of a run there is room for what proves one
@@ -51,7 +51,7 @@ class Entries(NamedTuple):
 
 def entries_of(kernel: Kernel, energies: RowFunction) -> Entries:
     """Where they are; `energies` is of (q, p): the energy that a start has, its p·v, the energy
-    that is constant, its p·v.
+    that is constant, its p·v, the pace of the clock.
 
     Raises
     ------
@@ -138,19 +138,19 @@ def asked_of(
     level: float,
     span: tuple[float, float],
     every: int,
-    expected: float,
     patience: float,
     energy: float,
     off: float,
 ) -> bytes:
     """What `run_until` is asked, which may be asked again as long as the start stays there.
 
-    The motion from q and p at an address with parameters at another one, about so many steps h over
-    (t0, what the last coordinate is at the end); every so many nodes are kept, and the last one.
+    The motion from q and p at an address with parameters at another one by steps h over (t0, what
+    the last coordinate is at the end), given up after so many; every so many nodes are kept, and
+    the last one.
     """
     (at, c), (t0, total) = start, span
     every = every if every < ROOM else ROOM
-    return _ASKED.pack(at, c, every, patience, h, level, total, expected, energy, off, t0)
+    return _ASKED.pack(at, c, every, patience, h, level, total, energy, off, t0)
 
 
 def run_until(entries: Entries, asked: bytes) -> Until | None:

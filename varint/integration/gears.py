@@ -6,6 +6,7 @@ cache holds or on what ran before. The compiler works in a process of its own me
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,7 @@ from varint.codegen.gauss import gauss_form, gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import native_explicit, native_gauss
-from varint.integration.cost import compiling_seconds
+from varint.integration.cost import compiling_seconds, loop_seconds
 from varint.numerics.limits import CLOSED
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
@@ -86,8 +87,9 @@ class Gears:
         With the scene as data.
     work : Compilation or None
         The compiler at work.
-    seconds : float
-        Spent in the low gear so far.
+    seconds, loop : float
+        Spent in the low gear so far; that the compiler is predicted to take for what scenes of a
+        size share, where the cache has been asked and it was not there.
     looked, stuck : bool
         Whether the cache has been asked; whether there is no high gear.
     begun : list of str
@@ -102,6 +104,7 @@ class Gears:
     low: Kernel
     work: Compilation | None = None
     seconds: float = 0.0
+    loop: float = 0.0
     looked: bool = False
     stuck: bool = False
     begun: list[str] = field(default_factory=list)
@@ -155,7 +158,7 @@ def kernel_now(gears: Gears) -> Kernel:
     """The best loop that is there."""
     if gears.work is not None and finished(gears.work):
         gears.work = None
-        _prepare(gears, True)
+        _prepare(gears, math.inf)
     return gears.high[0] if gears.high else gears.low
 
 
@@ -163,25 +166,31 @@ def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
     """The loop to go on with after so many seconds in the low gear, with about so many ahead."""
     gears.seconds += seconds
     if gears.work is None and not gears.stuck and kernel_now(gears) is gears.low:
-        total = (gears.seconds + ahead) / compiling_seconds(gears.system, gears.rule)
-        if total > START or (total > LOOK and not gears.looked):
+        total = gears.seconds + ahead
+        if total > (START if gears.looked else LOOK) * _seconds_to_compile(gears):
             gears.looked = True
-            _prepare(gears, total > START)
+            _prepare(gears, total)
     return kernel_now(gears)
 
 
-def _prepare(gears: Gears, start: bool) -> None:
+def _seconds_to_compile(gears: Gears) -> float:
+    """As far as it is known what the cache holds."""
+    return compiling_seconds(gears.system, gears.rule) + gears.loop
+
+
+def _prepare(gears: Gears, total: float) -> None:
     """Take the compiled loop from the cache; where it is not there, start the compiler, with one of
-    its sources after the other.
+    its sources after the other, if that repays for so many seconds in the low gear.
     """
     try:
         with _said(gears.system, "writing the operations as C"):
             source = gears.scheme.source(gears.system, gears.rule)
         missing = [text for text in source.texts if not in_cache(text, source.contraction)]
         ahead = [text for text in missing if text not in gears.begun]
+        gears.loop = loop_seconds(gears.system) if source.loop in missing else 0.0
         if not ahead:
             _shift(gears)
-        elif start:
+        elif total > START * _seconds_to_compile(gears):
             gears.work = begin_compilation(ahead[0], source.contraction)
             gears.begun += ahead[:1] if gears.work else []
     except (NotCompilable, CompileError):

@@ -105,7 +105,7 @@ int run(const RunArguments *a) {
     carry[0] = 1, carry[1] = a->h;
     memcpy(rows, x, d * sizeof(double));
     prepare_tape(&s->drive, a->c, (double *)w);
-    for (int64_t l = 0; done < a->steps && !status; done++, l = l + 1 < LANES ? l + 1 : 0) {
+    for (int64_t l = 0; done < a->steps && !status && !is_behind(x[n - 1], a->end); done++, l = l + 1 < LANES ? l + 1 : 0) {
         if (!l) { /* what is given to as many steps as there are lanes */
             memset(given, 0, sizeof given);
             for (int64_t i = 0; i < s->stages && m; i++) {

@@ -58,10 +58,10 @@ int run(const RunArguments *a) {
         force_at(q, &t, u, w, force);
     }
     save(rows, q, p, rest_p, pending, force, t0 + h * (double)first, node), rows += 3 * N;
-    int status = DONE;
+    int status = DONE, ended = 0;
     int64_t done = 0, unsaved = 0;
     double last_q[N], last_p[N], last_f[N];
-    for (; done < steps; done++) {
+    while (done < steps && !ended) {
         const double t = t0 + h * (double)(first + done);
         for (int d = 0; d < N; d++) last_q[d] = q[d], last_p[d] = p[d], last_f[d] = force[d];
         if (NU) {
@@ -83,9 +83,10 @@ int run(const RunArguments *a) {
         for (int d = 0; d < N; d++) size += q[d] * 0.0 + force[d] * 0.0;
         if (!(size == 0)) { status = NOT_FINITE; break; }
         pending = hk[KICKS - 1];
+        done++, ended = is_behind(q[N - 1], a->end);
         if (++unsaved == a->save_every) {
             unsaved = 0;
-            save(rows, q, p, rest_p, pending, force, t0 + h * (double)(first + done + 1), node), rows += 3 * N;
+            save(rows, q, p, rest_p, pending, force, t0 + h * (double)(first + done), node), rows += 3 * N;
         }
     }
     if (status) COPY(q, last_q), COPY(p, last_p), COPY(force, last_f);

@@ -103,6 +103,35 @@ static const Loop called_back = {
 };
 #endif
 
+/* The step that is begun where the last one began, of another size: on the polynomial through that one's stages. */
+APART void begin_resized(Run *r, const Carry *carry) {
+    Step *const s = &r->now;
+    Change *const c = &r->change;
+    const double ratio = r->h / carry->h, smaller = FORM == 2 ? ratio * ratio : ratio, *const scales = carry->numbers + 4 * N;
+    double size[MOST_ROWS];
+    Unknowns x;
+    memcpy(x, scales + 2 * ROWS, UNKNOWNS_SIZE);
+    for (int i = 0; i < ROWS; i++)
+        for (int k = 0; k < VECTORS; k++) s->x[i][k] = splat(0.0);
+    for (int j = 0; j < STAGES; j++) {
+        double below = STAGE_B[j];
+        V part[VECTORS];
+        for (int k = 0; k < VECTORS; k++) part[k] = smaller * entry(STAGE_B, k);
+        for (int m = 0; m < STAGES; m++) {
+            if (m == j) continue;
+            below *= STAGE_C[j] - STAGE_C[m];
+            for (int k = 0; k < VECTORS; k++) part[k] *= v_fma(entry(STAGE_C, k), splat(ratio), splat(-STAGE_C[m]));
+        }
+        for (int i = 0; i < ROWS; i++) {
+            const V known = splat(lane(x[i][j / LANES], j % LANES) / below);
+            for (int k = 0; k < VECTORS; k++) s->x[i][k] = v_fma(part[k], known, s->x[i][k]);
+        }
+    }
+    for (int i = 0; i < ROWS; i++) size[i] = fabs(smaller) * scales[i], c->noise[i] = scales[ROWS + i];
+    set_scale(c, size, 0);
+    s->count = 1, s->renewals = 2, r->known = 1, c->rate = carry->rate;
+}
+
 /* Where the run stands: as it was left, or at a fresh start. */
 APART void restore(Run *r, const RunArguments *a) {
     const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
@@ -142,6 +171,7 @@ APART void restore(Run *r, const RunArguments *a) {
         r->change.rate = 1;
         for (int i = 0; i < ROWS; i++)
             for (int k = 0; k < VECTORS; k++) r->last[i][k] = r->older[i][k] = splat(0.0);
+        if (carry->steps_known < 0) begin_resized(r, carry);
     }
 }
 
@@ -155,7 +185,7 @@ INLINE int solve(Run *r, int64_t k) {
         r->seidel = r->tried < TRIAL;
         if (r->tried == TRIAL) r->expected = 0, c->rate = 1;
     }
-    if (AHEAD && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
+    if (!BY_DEFECT && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
     for (;;) {
         if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
         c->checks = 0, c->off = 0;
@@ -273,15 +303,15 @@ int run(const RunArguments *a) {
     save(&r, rows, t, a->without_velocities);
     if (!r.known) memcpy(rows, a->start, 2 * N * sizeof(double));
     const double *u = a->u;
-    int status = DONE;
+    int status = DONE, ended = 0;
     int64_t done = 0, unsaved = 0;
-    for (; done < a->steps; done++) {
+    while (done < a->steps && !ended) {
         for (int m = 0; m < NU; m++)
             for (int i = 0; i < PADDED; i++) set_lane(&r.at.u[m][i / LANES], i % LANES, u[(i < STAGES ? i : STAGES - 1) * NU + m]);
         u += STAGES * NU;
         status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
         if (status) break;
-        t = r.t0 + r.h * (double)(r.first + done + 1);
+        t = r.t0 + r.h * (double)(r.first + ++done), ended = is_behind(r.y[N - 1], a->end);
         if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(&r, rows, t, a->without_velocities);
     }
     (void)u;

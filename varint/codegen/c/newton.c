@@ -175,6 +175,7 @@ int run(const RunArguments *a) {
             }
         }
         done++;
+        if (is_behind(q[N - 1], a->end)) break;
     }
     if (PARTS > 1 && part) COPY(q, before, N), COPY(p, before + N, N), COPY(state.rest_q, before + 2 * N, N), COPY(state.rest_p, before + 3 * N, N);
     save_afresh(a->stats->last, q, p, t0 + whole * (double)(first + done), w, matrix);

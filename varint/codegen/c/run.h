@@ -18,12 +18,13 @@ typedef struct {
     int64_t steps, save_every, first, most; /* steps to take; index of the first; largest number of iterations a step */
     double t0, h, level;                    /* level: wanted relative error of the stages, 0 for round-off */
     const double *start, *c, *u;            /* q and p at a fresh start; parameters; controls of every step's nodes */
-    double *rows, *carry;                   /* (q, p, v) of every saved node; carry[0] = 0: a fresh start */
+    double *rows, *carry;                   /* (q, p, v) of every saved node; carry[0] = 0: a fresh start; less: where its last step began */
     RunStats *stats;
     const void *scene; /* its operations, where they are data and not in the source */
     double *notes;     /* what is noted of folds (folds.h), up to MOST_NOTED; 0: they are not looked for */
     double *rests;     /* Newton's method: rounding errors of q and p at a fresh start, then at every saved node; 0: not wanted */
     int64_t without_velocities; /* whether v need not be there in the rows */
+    double end;                 /* from zero on, of the last coordinate: the node there or behind it is the last; 0: nowhere */
 } RunArguments;
 
 /* One step of a size of its own from each of many states. */
@@ -45,6 +46,8 @@ typedef struct {
     double *q, *p;                 /* (members, nodes, N); row 0 is not written */
     int64_t *good;                 /* (members): rows that are solved and finite, the start included */
 } MembersArguments;
+
+INLINE int is_behind(double x, double end) { return end > 0 ? x >= end : end < 0 && x <= end; }
 
 /* value += increment, with the rounding error kept in rest */
 #define DEFINE_COMPENSATED(name, Number) \

@@ -47,7 +47,7 @@ int run(const RunArguments *a) {
     applied(&scene->speed, p, w, v);
     COPY(rows, q), COPY(rows + N, p), COPY(rows + 2 * N, v);
     int64_t done = 0, unsaved = 0;
-    for (; done < a->steps; done++) {
+    for (int ended = 0; done < a->steps && !ended;) {
         double rest[N];
         applied(&scene->solved, rest_p, w + SOLVED_AT, rest);
         for (int d = 0; d < N; d++) {
@@ -56,6 +56,7 @@ int run(const RunArguments *a) {
             compensated(&p[d], &rest_p[d], h * force[d]);
         }
         applied(&scene->speed, p, w, v);
+        done++, ended = is_behind(q[N - 1], a->end);
         if (++unsaved < a->save_every) continue;
         unsaved = 0, rows += 3 * N;
         COPY(rows, q), COPY(rows + N, p), COPY(rows + 2 * N, v);

@@ -9,7 +9,7 @@ typedef struct {
     int (*run)(const RunArguments *);
     const void *scene;
     int (*rows)(const RowsArguments *);
-    const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v| */
+    const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v|, the clock's pace */
     int64_t n, carry, most;
     double *nodes; /* (nodes, 3 n): q, p, v */
     Told *told;
@@ -17,5 +17,5 @@ typedef struct {
     int64_t room; /* numbers that nodes may be */
     const double *start, *c;
     int64_t every;
-    double patience, h, level, total, expected, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
+    double patience, h, level, total, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
 } Until;

@@ -51,8 +51,8 @@ static int try_run(const Case *a, int64_t steps, double wanted, int64_t part, in
     const Varying *const of = a->of;
     Until run = of->run;
     run.h = of->span / (double)steps, run.level = level_for(a, wanted, steps);
-    run.expected = steps / part > 1 ? (double)(steps / part) : 1, run.total = of->run.total / (double)part;
-    run.patience = of->patience * (run.expected + of->sooner);
+    const double expected = steps / part > 1 ? (double)(steps / part) : 1;
+    run.total = of->run.total / (double)part, run.patience = of->patience * (expected + of->sooner);
     if (of->until(&run) != DONE) { /* as steps too long for the motion are, a few times */
         a->found->runs++, a->found->failed++;
         to->seen.steps = steps, to->seen.lost = 1;

@@ -84,7 +84,7 @@ def called_on(moving: System, scene: TransformedScene, rule: Rule | None) -> Cal
 
 def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
     """(q, p) → energy of the original scene and |p·dq/dt|, energy of the rescaled one and its
-    |p·v|; None where they are no data.
+    |p·v|, dt/dτ; None where they are no data.
     """
     velocity = velocity_function(moving)
     if not velocity.is_a("SXFunction"):
@@ -95,7 +95,7 @@ def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
     energy, _ = scene.energy(s.q[:n], v[:n] / v[n], none, s.c[:-3], s.c[-3])
     (whole,) = ca.substitute([s.energy], [s.v], [v])
     size = ca.fabs(ca.dot(p[:n], v[:n]) / v[n])
-    results = [energy, size, whole, ca.fabs(ca.dot(p, v))]
+    results = [energy, size, whole, ca.fabs(ca.dot(p, v)), v[n]]
     return row_function_or_none("level", [s.q, p], s.c, [ca.densify(x) for x in results])
 
 
@@ -112,7 +112,7 @@ def asked_until_end(
     duration).
     """
     patience = PATIENCE * (expected + FIRST_CHUNK)
-    return asked_of(start, h, level, span, every, expected, patience, energy, OFF_LEVEL)
+    return asked_of(start, h, level, span, every, patience, energy, OFF_LEVEL)
 
 
 def until_end(called: Called, moving: System, asked: bytes, backend: str) -> Until | None:
