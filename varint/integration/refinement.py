@@ -88,7 +88,8 @@ def refine(
     by_order = math.inf  # what the rule's order leaves of the first difference with digits
     over_jumps = has_steps(system)
     smooth = shows_its_error(system) and not over_jumps
-    forced = not (smooth or over_jumps)
+    # blows part runs by as much as their instants are apart, which is no growth
+    forced = not (smooth or over_jumps or system.structure.contacts)
     regular, between, wanted = steps_for(rule, radians, tol), 1.0, tol
     # iterations go on to round-off
     solved = (start.steps == 1 and shows_its_error(system)) or system.structure.degenerate
