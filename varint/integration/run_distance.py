@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
+from varint.integration.error_scale import error_scales
 from varint.integration.round_off import ROUNDED
 from varint.numerics.arrays import call
 from varint.results.trajectory import Trajectory
@@ -144,3 +146,12 @@ def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
     close = 1e-6 * abs(motion.h)
     grid = np.flatnonzero(np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close)
     return motion.k[grid] * factor, grid
+
+
+def apart_from_proved(motion: Trajectory, proved: Trajectory, scale: Any = None) -> float:
+    """How far a run that is made once more, to be watched, is from the one that proved its error,
+    by the scales of that.
+    """
+    few = proved if len(motion) == len(proved) else proved[-1:]
+    apart = np.abs(motion.q[-len(few) :] - few.q)
+    return float((apart / error_scales(proved.system, proved, scale)).max()) if apart.any() else 0.0

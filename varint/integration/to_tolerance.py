@@ -13,7 +13,6 @@ import numpy as np
 from varint.errors import InputError, parsed_or_refused
 from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_alarm, energy_leap
-from varint.integration.error_scale import error_scales
 from varint.integration.fixed_steps import simulate_steps, watches_of
 from varint.integration.no_farther import as_far_as_it_ends
 from varint.integration.plan import plan
@@ -25,6 +24,7 @@ from varint.integration.problem import (
     initial_value_problem,
 )
 from varint.integration.rule_choice import iteration_level
+from varint.integration.run_distance import apart_from_proved
 from varint.integration.second_looks import has_switches
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import (
@@ -125,10 +125,7 @@ def _watched(
     level = iteration_level(tol, choice.steps)
     if choice.reached and options.checkpoint is None:
         motion = _once_more(system, start, options, problem, choice, level)
-        proved = choice.motion
-        few = proved if len(motion) == len(proved) else proved[-1:]
-        apart = np.abs(motion[-len(few) :].q - few.q) / error_scales(system, proved, options.scale)
-        estimate = choice.estimate + float(apart.max())
+        estimate = choice.estimate + apart_from_proved(motion, choice.motion, options.scale)
         if estimate <= tol:
             return motion, replace(choice, estimate=estimate)
     return _once_more(system, start, options, problem, choice, 0.0), choice

@@ -8,6 +8,7 @@ the core. What that cannot do is left to `to_tolerance`.
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -31,6 +32,7 @@ from varint.integration.plain_start import (
 from varint.integration.plain_trials import NotPlain
 from varint.integration.rule_choice import cheapest, iteration_level
 from varint.integration.run import FIRST
+from varint.integration.run_distance import apart_from_proved
 from varint.integration.short_call import Known, fastest_of, known_of
 from varint.integration.short_looks import looked_at
 from varint.integration.small_motions import angles_turned
@@ -92,6 +94,13 @@ def call_until(
         grid, level = (None, choice.steps, piece), iteration_level(tol, choice.steps)
         asked = q0, v0, p0, t0, params, None
         motion = few_steps_call(system, choice.rule, asked, grid, 1, level, began, watched)
+        if motion is not None:
+            off = apart_from_proved(motion, choice.motion)
+            choice = replace(choice, estimate=choice.estimate + off)
+            if not (
+                choice.reached and choice.estimate <= tol
+            ):  # iterations should go on
+                return None
     return motion and with_estimate(motion, choice, tol, began)
 
 

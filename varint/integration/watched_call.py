@@ -8,12 +8,10 @@ import warnings
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-from varint.integration.error_scale import error_scales
 from varint.integration.few_steps import few_steps_call
 from varint.integration.held_rows import is_held
 from varint.integration.rule_choice import iteration_level
+from varint.integration.run_distance import apart_from_proved
 from varint.integration.short_call import short_call
 from varint.integration.tolerance import DEFAULT_TOL
 from varint.integration.trajectories import with_stats
@@ -52,12 +50,9 @@ def call_with_events(
     motion = few_steps_call(system, proved.rule, known, grid, 1, level, began, watched)
     if motion is None:
         return None
-    estimate = told["error_estimate"]
-    if not np.array_equal(motion.q, proved.q):
-        apart = np.abs(motion.q - proved.q) / error_scales(system, proved)
-        estimate += float(apart.max())
-        if not estimate <= tol:  # iterations of the run that is proved have gone on for longer
-            return None
+    estimate = told["error_estimate"] + apart_from_proved(motion, proved)
+    if not estimate <= tol:  # iterations of the run that is proved have gone on for longer
+        return None
     more = {name: told[name] for name in ("tol", "error_estimate", "rule", "runs")}
     more |= {"error_estimate": estimate, "seconds": perf_counter() - began}
     return with_stats(motion, **more)
