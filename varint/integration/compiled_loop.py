@@ -19,6 +19,7 @@ from varint.integration.cost import newton_repays
 from varint.integration.gears import (
     BY_STAGES,
     EXPLICIT,
+    Gears,
     compiled_kernel,
     gears_of,
     gears_with,
@@ -38,6 +39,8 @@ from varint.scene.system import System
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
 PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
+# and for which the low gear goes on before it looks for the other one that is in the making
+AT_WORK = 0.01
 # seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
 CAUTION = 1e-7
 NOTHING = np.empty(0)
@@ -170,7 +173,7 @@ def compiled_blocks(
         if gears:
             kernel = kernel_after(gears, part.seconds, per_step * (problem.steps - k))
             kernel = _above_rounding(system, kernel) if cautious else kernel
-        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+        most = most_after(most, per_step, gears)
 
 
 def _passed(kernel: Kernel, part: LoopResult) -> Passed | None:
@@ -252,6 +255,12 @@ def _newton_in_gear(system: System, rule: Rule) -> Kernel | None:
     """Newton's method, as far as it is there at once."""
     gears = gears_of(system, rule, newton())
     return kernel_now(gears) if gears else None
+
+
+def most_after(most: int, per_step: float, gears: Gears | None) -> int:
+    """Steps of the next call at most, after one of so many at most, each of so many seconds."""
+    waits = gears is not None and gears.work is not None
+    return max(min(10 * most, int((AT_WORK if waits else PATIENCE) / per_step)), 1)
 
 
 def next_piece(k: int, steps: int, every: int, most: int) -> tuple[int, int]:

@@ -8,9 +8,9 @@ from varint.codegen.arguments import DONE
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
 from varint.integration.compiled_loop import (
-    PATIENCE,
     POOR,
     first_piece,
+    most_after,
     next_piece,
     scheme_of,
 )
@@ -47,7 +47,7 @@ def run_at_once(
         if part.status != DONE:
             break
         k, carry = k + count, part.carry
-        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+        most = most_after(most, per_step, gears)
     if len(parts) == 1:
         return parts[0]
     return parts[-1]._replace(

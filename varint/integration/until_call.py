@@ -97,9 +97,7 @@ def call_until(
         if motion is not None:
             off = apart_from_proved(motion, choice.motion)
             choice = replace(choice, estimate=choice.estimate + off)
-            if not (
-                choice.reached and choice.estimate <= tol
-            ):  # iterations should go on
+            if not (choice.reached and choice.estimate <= tol):  # iterations should go on
                 return None
     return motion and with_estimate(motion, choice, tol, began)
 

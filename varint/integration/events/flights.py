@@ -26,7 +26,7 @@ from varint.codegen.kernel import Kernel
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
 from varint.discrete.scales import inertia_function, scale_function
-from varint.integration.compiled_loop import CAUTION, PATIENCE
+from varint.integration.compiled_loop import CAUTION, PATIENCE, most_after
 from varint.integration.events.contacts import Instant, first_contact
 from varint.integration.events.quiet import FIRST_LOOK
 from varint.integration.gears import gears_with, kernel_after, newton
@@ -174,7 +174,7 @@ def flight_blocks(
         gears = None if is_uniform(held.scene) else gears_with(held.scene, rule, newton(), kernel)
         if gears:
             kernel_after(gears, found.seconds, per_step * (problem.steps - began - moved))
-        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+        most = most_after(most, per_step, gears)
         located = found.located
     active_set = stretches[-1].active_set
     return at, None if located is None else _located(found, active_set, n)
