@@ -173,7 +173,7 @@ def compiled_blocks(
         if gears:
             kernel = kernel_after(gears, part.seconds, per_step * (problem.steps - k))
             kernel = _above_rounding(system, kernel) if cautious else kernel
-        most = most_after(most, per_step, gears)
+        most = most_after(most, per_step, gears, PATIENCE)
 
 
 def _passed(kernel: Kernel, part: LoopResult) -> Passed | None:
@@ -257,10 +257,12 @@ def _newton_in_gear(system: System, rule: Rule) -> Kernel | None:
     return kernel_now(gears) if gears else None
 
 
-def most_after(most: int, per_step: float, gears: Gears | None) -> int:
-    """Steps of the next call at most, after one of so many at most, each of so many seconds."""
+def most_after(most: int, per_step: float, gears: Gears | None, patience: float) -> int:
+    """Steps of the next call at most, after one of so many at most, each of so many seconds, where
+    one waits no longer.
+    """
     waits = gears is not None and gears.work is not None
-    return max(min(10 * most, int((AT_WORK if waits else PATIENCE) / per_step)), 1)
+    return max(min(10 * most, int((min(AT_WORK, patience) if waits else patience) / per_step)), 1)
 
 
 def next_piece(k: int, steps: int, every: int, most: int) -> tuple[int, int]:

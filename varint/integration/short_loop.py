@@ -8,6 +8,7 @@ from varint.codegen.arguments import DONE
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
 from varint.integration.compiled_loop import (
+    PATIENCE,
     POOR,
     first_piece,
     most_after,
@@ -47,7 +48,7 @@ def run_at_once(
         if part.status != DONE:
             break
         k, carry = k + count, part.carry
-        most = most_after(most, per_step, gears)
+        most = most_after(most, per_step, gears, PATIENCE)
     if len(parts) == 1:
         return parts[0]
     return parts[-1]._replace(

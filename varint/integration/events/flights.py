@@ -174,7 +174,7 @@ def flight_blocks(
         gears = None if is_uniform(held.scene) else gears_with(held.scene, rule, newton(), kernel)
         if gears:
             kernel_after(gears, found.seconds, per_step * (problem.steps - began - moved))
-        most = most_after(most, per_step, gears)
+        most = most_after(most, per_step, gears, PATIENCE)
         located = found.located
     active_set = stretches[-1].active_set
     return at, None if located is None else _located(found, active_set, n)
