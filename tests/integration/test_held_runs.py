@@ -87,8 +87,11 @@ def assert_told_alike(monkeypatch, system, rule, call):
         for name in ("t", "q", "p", "k", "u", "v", "multipliers"):
             assert np.array_equal(getattr(few, name), getattr(other, name), equal_nan=True)
         assert few.events == other.events
-        for name in ("iterations", "residual", "steps", "backend"):
+        for name in ("iterations", "residual", "steps"):
             assert few.stats[name] == other.stats[name]
+        # the compiler may have ended in between
+        loops = [x.stats["backend"].split(": ")[-1] for x in (few, other)]
+        assert loops[0] == loops[1]
         assert list(few.stats) == list(other.stats)
     return bool(taken) and taken != [None]
 
