@@ -87,9 +87,7 @@ def short_call(
     None where another way is to be taken.
     """
     t0, tol = start[2], DEFAULT_TOL if tol is None else tol
-    if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
-        return None
-    if not (is_plain_number(duration) and duration and is_plain_number(t0)):
+    if not is_plainly_asked(rule, t0, duration, tol):
         return None
     known = known_of(system, rule)
     if known is None or not (p0 is None or known.by_momentum):
@@ -128,6 +126,13 @@ def short_call(
     if p0 is not None:
         return None
     return varying_call(system, rule, start, duration, tol, pilot, began, runs)
+
+
+def is_plainly_asked(rule: Any, t0: Any, duration: Any, tol: float) -> bool:
+    """Whether rule, times and tolerance need no closer look."""
+    if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
+        return False
+    return bool(is_plain_number(duration) and duration and is_plain_number(t0))
 
 
 def _looked_ahead(

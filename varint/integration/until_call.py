@@ -25,7 +25,6 @@ from varint.integration.no_farther import in_pieces
 from varint.integration.plain_start import (
     Room,
     begin_in,
-    is_plain_number,
     room_of,
     velocities_in,
 )
@@ -33,12 +32,12 @@ from varint.integration.plain_trials import NotPlain
 from varint.integration.rule_choice import cheapest, iteration_level
 from varint.integration.run import FIRST
 from varint.integration.run_distance import apart_from_proved
-from varint.integration.short_call import Known, fastest_of, known_of
+from varint.integration.short_call import Known, fastest_of, is_plainly_asked, known_of
 from varint.integration.short_looks import looked_at
 from varint.integration.small_motions import angles_turned
 from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
 from varint.integration.to_tolerance import with_estimate
-from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
+from varint.integration.tolerance import DEFAULT_TOL
 from varint.integration.trajectories import Run, plain_motion_of
 from varint.integration.two_runs import shows_its_error
 from varint.integration.watched_trials import Attempts, by_watched_trials
@@ -65,9 +64,7 @@ def call_until(
     be taken.
     """
     (q0, v0, t0, params), tol = start, DEFAULT_TOL if tol is None else tol
-    if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
-        return None
-    if not (is_plain_number(duration) and duration and is_plain_number(t0)):
+    if not is_plainly_asked(rule, t0, duration, tol):
         return None
     known = _known_until(system, rule)
     if known is None or not (p0 is None or known.by_momentum):
