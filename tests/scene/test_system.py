@@ -184,6 +184,21 @@ def test_structure_of_coupled_scenes():
     assert (d.autonomous, d.forced, d.force_on_velocity) == (False, True, True)
 
 
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_a_force_that_is_zero_for_any_motion_is_none(zero):
+    q, v = vi.coordinates("x", "y")
+    lagrangian = ca.sumsqr(v) / 2 + 1 / ca.norm_2(q)
+    pulled = vi.System(q, v, lagrangian, force=zero * v)
+    half = vi.System(q, v, lagrangian, force=ca.vertcat(zero * v[0], -v[1]))
+    free = vi.System(q, v, lagrangian)
+    assert pulled.structure == free.structure
+    assert pulled.force.shape == (2, 1)
+    assert half.structure.forced
+    start = dict(q0=[0.1, 0.0], v0=[0.0, 4.0], duration=5.0)
+    one, other = vi.simulate(pulled, **start), vi.simulate(free, **start)
+    assert np.array_equal(one.q, other.q)
+
+
 def test_structure_finds_linear_scenes_and_independent_blocks():
     x, w = vi.coordinates("a", "b", "c")
     linear = vi.System(x, w, ca.sumsqr(w) / 2 - x[0] * x[2] - x[1] ** 2, force=-0.1 * w).structure

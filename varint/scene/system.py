@@ -157,7 +157,7 @@ class System:
         or expressions of the parameters, ``restitution=c.e``. A contact at rest under a blow
         elsewhere stays closed if its own is 0, and hands the blow on otherwise (Newton's cradle).
     force : SX (n,), optional
-        Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
+        Generalised force F(q, v, u, t) (Lagrange–d'Alembert). One that is written as zero is none.
     control : SX (k,), optional
         Control symbols u; they act through `force`. In optimal control one that stands in the cost
         or in bounds only is a slack.
@@ -250,7 +250,9 @@ class System:
             kinetics=kinetics,
             params=None if params is None else parameters_of(params),
             lagrangian=expression("the Lagrangian", lagrangian, (1, 1)),
-            force=expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
+            force=_without_zeros(
+                expression("the force", ca.SX(n, 1) if force is None else force, (n, 1))
+            ),
             constraint=expression(
                 "the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)
             ),
@@ -385,6 +387,11 @@ class System:
     def default_vector(self) -> np.ndarray:
         """Default values of the parameters, in the order of `c`."""
         return np.concatenate([np.zeros(0), *(v.ravel(order="F") for v in self.defaults.values())])
+
+
+def _without_zeros(force: ca.SX) -> ca.SX:
+    """No force where every entry of it is zero for any motion, as of a drag with c = 0."""
+    return ca.SX(*force.shape) if force.is_zero() else force
 
 
 def _system_of(text: str) -> System:
