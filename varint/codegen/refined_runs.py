@@ -10,9 +10,9 @@ from varint.codegen.core import refined_entry
 from varint.codegen.few_steps import entries_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
-from varint.codegen.two_runs import Course
+from varint.codegen.two_runs import Course, HeldLooks
 
-_COURSE = struct.Struct("11P10q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("12P12q")  # Refined, what belongs to the course
 
 
 def refined_course(
@@ -25,6 +25,7 @@ def refined_course(
     body: np.ndarray,
     turns: np.ndarray,
     limits: np.ndarray,
+    held: HeldLooks | None = None,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
 
@@ -32,7 +33,7 @@ def refined_course(
     ----------
     kernel : Kernel
     balance : RowFunction
-        (q, p, t) → energy and the power of what changes it.
+        (q, p, t) → energy and the power of what changes it; (q, v, t) of held motions.
     forces : tuple, optional
         (q, v, t) → forces and the mass matrix' diagonal, bounds of forces on the straight way
         between two nodes, and those of many steps at once, where they are data; None of scenes
@@ -44,6 +45,8 @@ def refined_course(
         As in `course_of`.
     limits : array
         Limits in c/refined_core.c.
+    held : HeldLooks, optional
+        Of a motion that constraint rows hold.
 
     Raises
     ------
@@ -54,7 +57,9 @@ def refined_course(
     pushed = (x.at if x else 0 for x in forces or (None, None, None))
     places, *counted = looks
     arrays = limits, body, turns, places
+    pivots = held and held.pivots
     calls = on.run, on.scene, on.rows, on.energy, *pushed, *map(address_of, arrays)
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
-    head = _COURSE.pack(*calls, *counts, *pieces)
-    return Course(entry, kernel, on.n, False, head, (on, forces, *arrays))
+    kind = int(held is not None), kernel.note[1]
+    head = _COURSE.pack(*calls, pivots.at if pivots else 0, *counts, *pieces, *kind)
+    return Course(entry, kernel, on.n, False, head, (on, forces, held, *arrays))

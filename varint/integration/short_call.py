@@ -46,6 +46,7 @@ from varint.integration.second_looks import has_switches
 from varint.integration.short_refinement import looked_at_closely
 from varint.integration.short_trials import (
     Begins,
+    balance_known,
     course_by,
     energy_known,
     steps_to_begin,
@@ -64,7 +65,7 @@ from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import with_stats
 from varint.integration.two_runs import shows_its_error
-from varint.integration.work_bound import balance_rows, moves_constraints
+from varint.integration.work_bound import moves_constraints
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -200,8 +201,9 @@ def _by_the_core(
     motion = even_motion_of(system, loop.plan, course.kernel, nodes, grid, work, told)
     if not doubted:
         return motion
-    if not known.held:
-        return looked_at(rule, motion, estimate, tol)
+    if not (known.held and shows_its_error(system)):
+        seen = looked_at(rule, motion, estimate, tol)
+        return None if known.held and seen == NOT_PROVED else seen
     if (leap := energy_leap(motion, tol)) and (alarm := leap.alarm()):
         warnings.warn(alarm, stacklevel=4)
     return motion
@@ -265,7 +267,7 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     begins = held or _begins_by_symbols(system)
     if not (begins and n <= MOST_COORDINATES) or has_switches(system):
         return None
-    if (energy_known(system) if shows_its_error(system) else balance_rows(system)) is None:
+    if (energy_known(system) if shows_its_error(system) else balance_known(system)) is None:
         return None
     driven = rule is None and driven_kernel(system, MAPPED) is not None
     if rule is None and not (driven or held or runs_by_stages(system, gauss(8), "auto")):
@@ -282,11 +284,11 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
 
 
 def _is_plainly_held(system: System) -> bool:
-    """Whether constraint rows alone hold the motion, and its energy tells of its error."""
+    """Whether constraint rows alone, which stand still, hold the motion."""
     if not is_held(system) or system.structure.controls or moves_constraints(system):
         return False
     solved_once = is_one_map(system, MAPPED) or runs_driven(system)
-    return system.structure.quadratic_kinetic and shows_its_error(system) and not solved_once
+    return system.structure.quadratic_kinetic and not solved_once
 
 
 def _begins_by_symbols(system: System) -> bool:

@@ -52,7 +52,7 @@ from varint.integration.proof_limits import proof_limits
 from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
 from varint.integration.short_looks import held_looks
 from varint.integration.time_transformation.rate_ahead import ask_for_rates, rates_to_follow
-from varint.integration.work_bound import MISSED, balance_rows
+from varint.integration.work_bound import MISSED, balance_rows, balance_rows_by_velocity
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -174,6 +174,11 @@ def energy_known(system: System) -> RowFunction | None:
     return energy_rows(system) if by_momentum else energy_rows_by_velocity(system)
 
 
+def balance_known(system: System) -> RowFunction | None:
+    """`energy_known` of scenes whose energy changes, with the power of what changes it."""
+    return balance_rows(system) if has_formula(system) else balance_rows_by_velocity(system)
+
+
 def has_formula(system: System) -> bool:
     """Whether momenta alone tell of velocities."""
     return system.structure.quadratic_kinetic and not is_held(system)
@@ -183,10 +188,10 @@ def has_formula(system: System) -> bool:
 def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
     s, kept = system.structure, decided.shows_its_error(system)
-    energy = energy_known(system) if kept else balance_rows(system)
+    energy = energy_known(system) if kept else balance_known(system)
     driven = driven_kernel(system, rule)
     kernel = driven or kernel
-    held = held_looks(system) if kept and is_held(system) else None
+    held = held_looks(system) if is_held(system) else None
     if energy is None or (held is None and (kernel.opening or kernel.note[0])):
         return None
     if not (kept or s.quadratic_kinetic):
@@ -211,7 +216,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
-            return refined_course(*how, body, turns, repeated)
+            return refined_course(*how, body, turns, repeated, held)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()
         if held:  # as `tolerance` has them run, where long ones are looked at first

@@ -15,6 +15,7 @@
 #include "order.h"
 #include "found.h"
 #include "other_digits.h"
+#include "held.h"
 
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
@@ -30,12 +31,14 @@ typedef struct {
     int (*run)(const RunArguments *);
     const void *scene;
     int (*rows)(const RowsArguments *);
-    const void *balance;       /* (q, p, t) to the energy and the power of forces and explicit time */
+    const void *balance;       /* (q, p, t), (q, v, t) of held motions, to the energy and the power of forces and explicit time */
     const void *push, *bounds, *bounds_of_many; /* those of varint/integration/force_bounds.py; 0: closer looks are taken elsewhere */
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     const double *looks;         /* parts of a step at which forces are looked at, a few of them first */
+    const void *pivots;          /* (q, t) to the least pivot of constraint rows; 0: they never come to depend on one another */
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
+    int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
@@ -43,6 +46,10 @@ typedef struct {
     Room room;
     int64_t first;
     double t0, duration, radians, tol;
+    const void *rates;
+    int (*open)(double h); /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
+    const double *opening;
+    int64_t opens;
 } Refined;
 
 typedef struct {
@@ -57,35 +64,46 @@ static double level_for(const Refined *a, double wanted, int64_t steps) {
     return wanted * (a->limits->level < often ? a->limits->level : often);
 }
 
-/* The first `count` of so many steps from a start, by so many times coarser iterations, which are over so much sooner, or
-   hardly contract; false where there was no memory, or they are too many. */
-static int try_from(const Refined *a, const double *start, double t0, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
+/* The first `count` of so many steps from a start, held ones with its velocity, by so many times coarser iterations, which are over so much sooner, or
+   hardly contract; false where there was no memory, they are too many, or a held motion may pass over a fold. */
+static int try_from(const Refined *a, const double *start, const double *speed, double t0, double wanted, int64_t steps, int64_t count,
+                    double coarser, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n;
     const double level = level_for(a, wanted, count), most = coarser > 1 ? floor(l->poor * log(level * coarser) / log(level)) : l->poor;
     if (count > a->longest) return 0;
-    to->rows = memory_for(3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double), to->rows, to->own);
+    const int64_t told = 3 * n + sizeof(RunStats) / sizeof(double);
+    to->rows = memory_for(3 * n * (count + 1) + a->carry + told + room_of_notes(a->folds), to->rows, to->own);
     if (!to->rows) return 0;
-    double *const carry = to->rows + 3 * n * (count + 1);
+    double *const carry = to->rows + 3 * n * (count + 1), *const notes = carry + a->carry + told;
     RunStats *const stats = (RunStats *)(carry + a->carry);
     carry[0] = 0;
+    if (a->opens && !a->open(a->duration / steps)) return 0;
+    memcpy(carry + 1, a->opening, a->opens * sizeof(double));
+    if (a->held) memcpy(carry + 1 + 2 * n, speed, n * sizeof(double));
     to->steps = steps, to->count = count, to->lost = 0, to->iterations = to->residual = 0;
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = a->duration / steps,
             .level = level * coarser, .start = start, .c = a->c,
-            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
+            .without_velocities = !a->held});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
         to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
+    }
+    if (a->held) {
+        const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, count, t0, a->duration / steps};
+        if (a->folds && !to->lost && !is_unfolded(&folds, stats)) return 0;
+        memcpy(to->rows + 2 * n, speed, n * sizeof(double)); /* a run in pieces has no other velocity there */
     }
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
     return 1;
 }
 
 static int try_run(const Refined *a, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
-    return try_from(a, a->start, a->t0, wanted, steps, count, coarser, to);
+    return try_from(a, a->start, a->opening + 2 * a->n, a->t0, wanted, steps, count, coarser, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -144,7 +162,7 @@ static double by_round_off(const Refined *a, const Attempt *run, double wanted, 
     Attempt other = {0};
     for (int64_t way = 0; way < (int64_t)l->ways; way++) {
         set_other_digits(a->n, a->start, way, start), late.duration = nextafter(a->duration, way ? -INFINITY : INFINITY);
-        if (!try_from(&late, start, a->t0, wanted, run->steps, run->steps, 1, &other) || other.lost) most = INFINITY;
+        if (!try_from(&late, start, a->opening + 2 * a->n, a->t0, wanted, run->steps, run->steps, 1, &other) || other.lost) most = INFINITY;
         if (!(most < INFINITY)) break;
         const double apart = l->parted * apart_from(a, run, 1, &other, 1, scales);
         most = !(apart <= most) ? apart : most;
@@ -199,7 +217,8 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
     Attempt fine = {0};
     const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
-    if (!try_from(a, now->rows + many * (k - 1), t0, wanted, parts * now->steps, parts * each * over, 1, &fine) || fine.lost)
+    const double *const node = now->rows + many * (k - 1);
+    if (!try_from(a, node, node + 2 * n, t0, wanted, parts * now->steps, parts * each * over, 1, &fine) || fine.lost)
         made = INFINITY;
     else
         made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
@@ -208,7 +227,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
 }
 
 /* The largest coordinate over its scale, one at least. */
-static double size_of(const Refined *a, const Attempt *run, const double *scales) {
+static double extent_of(const Refined *a, const Attempt *run, const double *scales) {
     const int64_t n = a->n;
     double size = 1;
     for (int64_t k = 0; k <= run->count; k++)
@@ -223,7 +242,7 @@ static double size_of(const Refined *a, const Attempt *run, const double *scales
    parts of the first steps. `t`, `room`: times of both, and twice as many numbers. */
 static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
     const int64_t nodes = run->count + 1, more = fine->count + 1;
-    const Balance b = {a->rows, a->balance, a->c, a->n, a->n, 0, a->limits->missed};
+    const Balance b = {a->rows, a->balance, a->c, a->n, a->held ? 2 * a->n : a->n, 0, a->limits->missed};
     double *const energy = room, *const power = energy + nodes + more, largest = 0, given = 0;
     if (!set_energies(&b, fine->rows, more, t + nodes, 0, energy + nodes, power + nodes)) return 0;
     if (!set_energies(&b, run->rows, nodes, t, 0, energy, power)) return 0;
@@ -434,7 +453,7 @@ int refined(const Refined *a) {
                          rounded = off < walk ? off : walk,
                          each = l->repeated > 0 ? 0 : l->left * level_for(a, wanted, steps) * sqrt((double)steps),
                          iterated = iterated_by(a, each, off, growth, between),
-                         floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
+                         floor = (repeated > l->floor ? repeated : l->floor) * extent_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
             estimate = between * (estimate > rounded ? estimate : rounded);
