@@ -50,7 +50,7 @@ def test_the_core_sees_the_rates_that_the_pilot_sees(scene, flight, total):
         return
     assert np.allclose(seen, rough, rtol=1e-9)
     assert pilot == (*map(pilots._roughly, rough), flight)
-    assert np.allclose(pilot[:3], rough, rtol=2.0**-pilots.BITS)
+    assert np.allclose(pilot[:4], rough, rtol=2.0**-pilots.BITS)
 
 
 def test_an_orbit_that_passes_close_takes_steps_that_vary_and_a_rounder_one_does_not():
@@ -58,3 +58,16 @@ def test_an_orbit_that_passes_close_takes_steps_that_vary_and_a_rounder_one_does
         start = dict(q0=[1 + e, 0.0], v0=[0.0, ((1 - e) / (1 + e)) ** 0.5])
         motion = vi.simulate(KEPLER, **start, duration=20.0, tol=1e-6)
         assert (motion.fictitious is not None) == varies
+
+
+def test_a_lattice_begins_with_steps_for_its_own_frequencies():
+    """The rate adds up the bonds of a chain; no small motion is faster than two of them."""
+    n, duration = 24, 60.0
+    q, v = vi.coordinates(*(f"x{i}" for i in range(n)))
+    bonds = ca.diff(ca.vertcat(0, q, 0))
+    chain = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(bonds) / 2 - ca.sum1(bonds**4) / 4)
+    q0 = 0.3 * np.sin(np.pi * np.arange(1, n + 1) / (n + 1))
+    rough = vi.simulate(chain, q0=q0, v0=np.zeros(n), duration=duration, tol=1e-3)
+    assert len(rough) - 1 < 2 * duration  # of frequencies up to 2: at least half a radian a step
+    fine = vi.simulate(chain, vi.gauss(8), q0=q0, v0=np.zeros(n), duration=duration, steps=1000)
+    assert np.abs(rough.q[-1] - fine.q[-1]).max() < 1e-3 * np.abs(fine.q).max()

@@ -54,17 +54,17 @@ def look_ahead(
     backwards: bool,
     total: float,
     astray: float,
-) -> tuple[float, float, float] | None:
-    """Mean of ω over time, its largest value and the time that was seen, in so many steps of an
-    angle ω dt, from the coordinates and velocities `start` for `total` at most, until the energy is
-    astray by so much of p·v; None where there is no step.
+) -> tuple[float, float, float, float] | None:
+    """Mean of ω over time, its largest value, the time that was seen and ω at the start, in so many
+    steps of an angle ω dt, from the coordinates and velocities `start` for `total` at most, until
+    the energy is astray by so much of p·v; None where there is no step.
     """
-    told = np.empty(3)
+    told = np.empty(4)
     sign = -1.0 if backwards else 1.0
     places = look.at, address_of(start), address_of(c) if c.size else 0, new_address(told)
     numbers = angle, sign, total, astray
     seen = look_ahead_entry()(_ASKED.pack(*places, look.n, steps, *numbers))
     if seen < 2:
         return None
-    mean, largest, duration = told.tolist()
-    return mean, largest, duration
+    mean, largest, duration, first = told.tolist()
+    return mean, largest, duration, first

@@ -30,6 +30,7 @@ int look_ahead(const LookAhead *a) {
     memcpy(y, a->start, 2 * n * sizeof(double));
     evaluate_tape(&of->rate, (const V *const[]){y}, (V *const[]){&rate}, 1, w_rate);
     y[2 * n] = a->angle / rate;
+    const double begin = rate;
     double time = 0, before = 0, turned = 0, largest = rate, first = 0, moving = 0, last = rate;
     int seen = 0;
     if (!(rate - rate == 0 && rate > 0)) goto end;
@@ -47,7 +48,7 @@ int look_ahead(const LookAhead *a) {
         largest = now > largest ? now : largest;
         seen++, last = now, before = late;
     }
-    if (seen > 1) a->told[0] = turned / before, a->told[1] = largest, a->told[2] = before;
+    if (seen > 1) a->told[0] = turned / before, a->told[1] = largest, a->told[2] = before, a->told[3] = begin;
 end:
     free(w);
     return seen;

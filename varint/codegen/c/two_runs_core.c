@@ -201,7 +201,7 @@ static int64_t varying_rate(const Case *a, const Attempt *run) {
     memcpy(last, run->rows + 3 * n * every * (good - 1), n * sizeof(double)), memcpy(last + n, v + n * (good - 1), n * sizeof(double));
     const double left = fabs(a->duration) * (1 - (double)(every * (good - 1)) / (double)run->seen.steps);
     for (int64_t i = 0; i < r->kinds && found < 0; i++) {
-        double sum = 0, most = 0, ahead[3] = {0};
+        double sum = 0, most = 0, ahead[4] = {0};
         for (int64_t k = 0; k < good; k++) {
             const double rate = rates[many * i + k];
             sum += rate, most = rate > most ? rate : most;

@@ -45,6 +45,9 @@ IN_FLIGHT, IN_FIELD = (5.0, 12.0), (8.0, 32.0)
 VANISHES = 1e4
 # of the largest rate in flight, for the first equal steps: it is larger than the own one
 FLYING = 0.5
+# times the rate at the start: a sum over terms of the potential, which in a lattice is far above
+# the frequency of any small motion, and tells by its change alone
+FASTER = 2.0
 BEYOND = 2.0  # times the duration: a look that leapt so far did not see the motion
 
 
@@ -97,14 +100,14 @@ def _seen(system: System) -> dict[tuple, Ahead]:
 
 
 def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -> Ahead:
-    n, frequency = len(start) // 2, 0.0
+    n, frequency, grows = len(start) // 2, 0.0, False
     for flight in kinds_of(system):
         if flight and not comes_from_afar(system, start, c):
             continue
         seen = glance(system, start, c, total, flight)
         if seen is None:
             continue
-        mean, largest, duration = seen
+        mean, largest, duration, first = seen
         if _vanishes(system, mean, largest):
             continue
         if frequency or not flight:
@@ -116,7 +119,8 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
             return Ahead(rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight), 0.0)
         if not frequency and duration <= BEYOND * abs(total):
             frequency = (FLYING if flight else 1.0) * largest
-    return Ahead(None, frequency)
+            grows = flight or largest > FASTER * first
+    return Ahead(None, frequency if grows else 0.0)
 
 
 @per_scene

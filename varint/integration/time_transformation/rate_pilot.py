@@ -30,13 +30,14 @@ AFAR = 2.0
 
 
 class RatePilot(NamedTuple):
-    """Mean of ω over time, and its largest value, as far as was looked: so many time units; whether
-    ω is the rate in flight.
+    """Mean of ω over time, and its largest value, as far as was looked: so many time units; its
+    value at the start; whether ω is the rate in flight.
     """
 
     mean: float
     largest: float
     duration: float
+    first: float
     flight: bool
 
 
@@ -85,8 +86,7 @@ def _looked_at(
         seen = _by_core(look, np.concatenate([q, v]), c, end, backwards)
     if seen is None:
         return None
-    mean, largest, duration = map(_roughly, seen)
-    return RatePilot(mean, largest, duration, flight)
+    return RatePilot(*map(_roughly, seen), flight)
 
 
 def _roughly(x: float) -> float:
@@ -96,7 +96,7 @@ def _roughly(x: float) -> float:
 
 def _by_core(
     look: Look, start: np.ndarray, c: np.ndarray, end: float, backwards: bool
-) -> tuple[float, float, float] | None:
+) -> tuple[float, float, float, float] | None:
     how: dict[str, Any] = {"steps": STEPS, "angle": ANGLE, "astray": ASTRAY}
     return look_ahead(look, start, c, backwards=backwards, total=end, **how)
 
@@ -109,7 +109,7 @@ def _without_core(
     end: float,
     backwards: bool,
     flight: bool,
-) -> tuple[float, float, float] | None:
+) -> tuple[float, float, float, float] | None:
     sign = np.array([-1.0 if backwards else 1.0])
     start = call(_rate_function(system, flight), np.concatenate([q, v]), c)[0]
     if not (np.isfinite(start).all() and start[0] > 0):
@@ -128,7 +128,7 @@ def _without_core(
         return None
     times, rates = times[:count], rates[:count]
     turned = ((rates[1:] + rates[:-1]) / 2 * np.diff(times)).sum()
-    return turned / times[-1], rates.max(), times[-1]
+    return turned / times[-1], rates.max(), times[-1], rates[0]
 
 
 def rate_varies(system: System, motion: Trajectory, factor: float, flight: bool) -> bool:
@@ -142,7 +142,7 @@ def rate_varies(system: System, motion: Trajectory, factor: float, flight: bool)
 
 def glance(
     system: System, start: np.ndarray, c: np.ndarray, total: float, flight: bool
-) -> tuple[float, float, float] | None:
+) -> tuple[float, float, float, float] | None:
     """What `rate_pilot` sees from the coordinates and velocities `start`, with all digits, in less
     time.
     """
@@ -151,7 +151,7 @@ def glance(
         return _by_core(look, start, c, abs(total), total < 0)
     n = len(start) // 2
     seen = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
-    return None if seen is None else seen[:3]
+    return None if seen is None else seen[:4]
 
 
 def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:
