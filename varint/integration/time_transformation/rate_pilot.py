@@ -86,7 +86,8 @@ def _looked_at(
         seen = _by_core(look, np.concatenate([q, v]), c, end, backwards)
     if seen is None:
         return None
-    return RatePilot(*map(_roughly, seen), flight)
+    mean, largest, duration, first = map(_roughly, seen)
+    return RatePilot(mean, largest, duration, first, flight)
 
 
 def _roughly(x: float) -> float:
