@@ -1,4 +1,5 @@
-"""Builds the loops for scenes as data (varint/codegen/c/*core.c) where there is a C compiler.
+"""Builds the loops for scenes as data (varint/codegen/c/*core.c) where there is a C compiler, and
+where Python has its headers what calls them at once (direct.c).
 
 All else stands in pyproject.toml. Without a compiler the package is installed all the same: runs
 are then interpreted, ten to a hundred times slower. VARINT_LEVELS="plain x86-64-v3 x86-64-v4"
@@ -17,6 +18,7 @@ from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
 FOLDER = Path("varint/codegen/c")
+CORE = "varint.codegen._core"
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
 NAMES = (
     "",
@@ -76,6 +78,9 @@ def levels() -> list[str]:
 
 class BuildCore(build_ext):
     def build_extension(self, ext):
+        if ext.name != CORE:
+            return super().build_extension(ext)
+
         def compiled(variant):
             source, level, numbers = variant
             macros = [("LEVEL", level.replace("-", "_"))]
@@ -109,11 +114,19 @@ class BuildCore(build_ext):
 setup(
     ext_modules=[
         Extension(
-            "varint.codegen._core",
+            CORE,
             [str(FOLDER / f"{name}core.c") for name in NAMES],
             depends=sorted(str(path) for path in FOLDER.glob("*.[ch]")),
             optional=True,  # a failure becomes a warning
-        )
+        ),
+        Extension(
+            "varint.codegen._direct",
+            [str(FOLDER / "direct.c")],
+            depends=sorted(str(path) for path in FOLDER.glob("*.[ch]")),
+            define_macros=[("DIGEST", f'"{digest()}"')],
+            extra_compile_args=["-w"],  # of a header it takes a part
+            optional=True,  # calls take some microseconds more
+        ),
     ],
     cmdclass={"build_ext": BuildCore},
 )

@@ -87,7 +87,7 @@ def test_so_many_steps_give_the_same_bytes_the_long_way(monkeypatch, name):
     scene, start, _ = SCENES[name]()
     motion = vi.simulate(scene, **start, duration=5.0, tol=1e-7)
     found, steps = [], motion.stats["steps"]
-    monkeypatch.setattr(short_call, "two_short_runs", lambda *_: NOT_PROVED)
+    monkeypatch.setattr(short_call, "proved_motion", lambda: lambda *_: NOT_PROVED)
     monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_PROVED)
 
     def watched(*given):
@@ -169,7 +169,7 @@ def test_what_the_core_doubts_is_looked_at_closely(monkeypatch, when):
     tol = 1e-6
     motion = vi.simulate(scene, q0=1.0, v0=0.0, duration=10.0, tol=tol)
     assert looked and looked[0] > tol
-    monkeypatch.setattr(short_call, "two_short_runs", lambda *_: NOT_PROVED)
+    monkeypatch.setattr(short_call, "proved_motion", lambda: lambda *_: NOT_PROVED)
     long = vi.simulate(scene, q0=1.0, v0=0.0, duration=10.0, tol=1e-9)
     assert abs(motion.q[-1] - long.q[-1]) <= 2 * tol * np.ptp(long.q)
 
@@ -196,7 +196,7 @@ def test_what_short_runs_do_not_settle_goes_the_long_way(monkeypatch):
     scene, start, exact = driven()
     asked = start | {"duration": 5.0, "tol": 1e-8}
     taken = []
-    monkeypatch.setattr(short_call, "two_short_runs", lambda *_: NOT_SHORT)
+    monkeypatch.setattr(short_call, "proved_motion", lambda: lambda *_: NOT_SHORT)
     monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_SHORT)
     monkeypatch.setattr(tolerance, "by_short_refinement", lambda *_: taken.append(1))
     motion = vi.simulate(scene, **asked)

@@ -62,4 +62,4 @@ def refined_course(
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
     kind = int(held is not None), kernel.note[1]
     head = _COURSE.pack(*calls, pivots.at if pivots else 0, *counts, *pieces, *kind)
-    return Course(entry, kernel, on.n, False, head, (on, forces, held, *arrays))
+    return Course(entry, kernel, on.n, 2, head, (on, forces, held, *arrays))

@@ -49,14 +49,15 @@ class HeldLooks(NamedTuple):
 
 
 class Course(NamedTuple):
-    """The entry of the core, the loop that it calls, what runs, how its errors are measured, and
-    what lies at its addresses; see `course_of`.
+    """The entry of the core, the loop that it calls, how many numbers each of so many parts of a
+    node has, what runs, how its errors are measured, and what lies at its addresses; see
+    `course_of`.
     """
 
     entry: Callable[[bytes], int]
     kernel: Kernel
     n: int
-    by_velocity: bool
+    parts: int
     head: bytes
     held: tuple
 
@@ -114,27 +115,39 @@ def course_of(
     pivots, leaps = looks or (None, None)
     looked = 0 if pivots is None else pivots.at, 0 if leaps is None else address_of(leaps)
     head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *looked, *numbers, *kind)
-    told = by_velocity and looks is None
-    return Course(entry, kernel, on.n, told, head, (on, looks, *arrays))
+    parts = 3 if by_velocity and looks is None else 2
+    return Course(entry, kernel, on.n, parts, head, (on, looks, *arrays))
 
 
 class Places(NamedTuple):
-    """Where the start and the diagonal of the mass matrix lie, and nodes will; see `places_of`."""
+    """Where the start and the diagonal of the mass matrix lie, and nodes will; see `places_of`.
+
+    Attributes
+    ----------
+    head : bytes
+    told : memoryview
+    room : array
+    views : dict
+        Nodes as they lie there, by the number of steps.
+    """
 
     head: bytes
     told: memoryview
     room: np.ndarray
+    views: dict[int, np.ndarray]
 
 
 def places_of(start: Place, mass: int, apart: int) -> Places:
     """A start, and the address of the diagonal of the mass matrix, its numbers so far apart."""
     room = np.empty(ROOM)
     head = start.head + _MASS.pack(mass, apart, address_of(room), ROOM)
-    return Places(head, start.told, room)
+    return Places(head, start.told, room, {})
 
 
 class Rates(NamedTuple):
-    """Rates that steps could follow, as the core is told of them; see `rates_of`."""
+    """Where rates lie that steps could follow, 0 if there are none, and what lies there; see
+    `rates_of`.
+    """
 
     at: int
     held: tuple
@@ -159,6 +172,7 @@ def _rates(packed: bytes, *held: Any) -> Rates:
 
 
 UNASKED = _rates(bytes(_RATES.size))  # nobody has needed them
+NO_RATES = Rates(0, ())
 
 
 def opening_for(open_at: int, told: np.ndarray) -> bytes:
@@ -187,7 +201,7 @@ def two_runs(
     first: int,
     radians: float,
     tol: float,
-    rates: Rates | None = None,
+    rates: Rates = NO_RATES,
     opening: bytes = NO_OPENING,
 ) -> Found | int:
     """A run whose error is below tol by the difference to a coarser one; NOT_PROVED where that
@@ -210,18 +224,20 @@ def two_runs(
     opening : bytes, optional
         Of a loop that must be told more at a fresh start, see `opening_for`.
     """
-    followed = 0 if rates is None else rates.at
-    asked = _ASKED.pack(first, t0, duration, radians, tol, followed)
+    asked = _ASKED.pack(first, t0, duration, radians, tol, rates.at)
     status = course.entry(course.head + places.head + asked + opening)
     if status != PROVED and status != DOUBTED:
         return status
     steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)
-    shape = 3 if course.by_velocity else 2, steps + 1, course.n
+    shape = course.parts, steps + 1, course.n
     if rows:
         nodes = np.empty(shape)
         asked = _TAKEN.pack(rows, new_address(nodes), course.n, steps, shape[0])
         done = two_runs_entries()[1](asked)
         assert done == DONE
     else:
-        nodes = _ARRAY(shape, _FLOAT, places.room).copy()
+        view = places.views.get(steps)
+        if view is None:
+            view = places.views[steps] = _ARRAY(shape, _FLOAT, places.room)
+        nodes = view.copy()
     return steps, runs, estimate, iterations, residual, nodes, status == DOUBTED

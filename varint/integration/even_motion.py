@@ -2,46 +2,129 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from ctypes import c_void_p, cast
+from functools import cache, partial
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from varint.codegen.built import built_module
+from varint.codegen.two_runs import Course, Places, Rates, two_runs
 from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.plan import Plan
 from varint.integration.trajectories import stats_of
 from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
 from varint.scene.system import System
 
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
 
 _new, _set = object.__new__, object.__setattr__
+TOLD = "seconds", "tol", "error_estimate", "rule", "runs"  # in this order, or the first of them
+
+
+class Made(NamedTuple):
+    """How motions are made of what the core finds; see `made_of`. The fields are those of
+    c/direct.c.
+
+    Attributes
+    ----------
+    course : Course
+    entry : int
+        Where the core's function is.
+    head : bytes
+        The course, as the core is told of it.
+    n, parts : int
+        Numbers of each of so many parts of a node.
+    kind : type
+    rule : Rule
+    name : str
+    make : callable
+        (h, t0, steps, iterations, residual), what is `TOLD`, name → what the motion has of it.
+    now, array, number : callable, type, dtype
+        The clock, and what nodes are made of.
+    """
+
+    course: Course
+    entry: int
+    head: bytes
+    n: int
+    parts: int
+    kind: type
+    rule: Rule
+    name: str
+    make: Callable[..., Any]
+    now: Callable[[], float]
+    array: type
+    number: np.dtype
+
+
+def made_of(course: Course, chosen: Plan) -> Made:
+    """By a course, of a plan."""
+    entry = cast(course.entry, c_void_p).value or 0  # type: ignore[arg-type]
+    rule, make = chosen.rule, partial(_made, chosen, course.kernel)
+    numbers = course.head, course.n, course.parts
+    tools = perf_counter, np.ndarray, np.dtype(float)
+    return Made(course, entry, *numbers, Trajectory, rule, rule.name, make, *tools)
+
+
+@cache
+def proved_motion() -> Callable[..., Trajectory | tuple[Trajectory, float] | int]:
+    """(how motions are made, places, system, parameters, t0, duration, first, radians, tol, rates,
+    began) → the motion whose error `two_runs` prove, with that error where more is to be looked at
+    before; or what they say.
+    """
+    built = built_module()
+    return _proved if built is None else built.prove  # type: ignore[no-any-return]
+
+
+def _proved(
+    how: Made,
+    places: Places,
+    system: System,
+    c: np.ndarray,
+    t0: float,
+    duration: float,
+    first: int,
+    radians: float,
+    tol: float,
+    rates: Rates,
+    began: float,
+) -> Trajectory | tuple[Trajectory, float] | int:
+    """As c/direct.c does."""
+    found = two_runs(how.course, places, t0, duration, first, radians, tol, rates)
+    if isinstance(found, int):
+        return found
+    steps, runs, estimate, iterations, residual, nodes, doubted = found
+    grid = duration / steps, t0, steps, iterations, residual
+    told = perf_counter() - began, tol, estimate, how.name, runs
+    motion = even_motion_of(system, how, nodes, c, grid, told)
+    return (motion, estimate) if doubted else motion
 
 
 def even_motion_of(
     system: System,
-    chosen: Plan,
-    kernel: Kernel,
+    how: Made,
     nodes: np.ndarray,
-    grid: tuple[float, float, int, np.ndarray],
-    work: Sequence[float],
-    more: dict[str, Any],
+    c: np.ndarray,
+    grid: tuple[float, float, int, float, float],
+    told: tuple,
 ) -> Trajectory:
-    """`plain_motion_of` one with a node at each of its equal steps: (q, p) and perhaps v,
-    (h, t0, steps, c). What follows from these is made when it is asked for.
+    """`plain_motion_of` one with a node at each of its equal steps: (q, p) and perhaps v, and what
+    is made of its (h, t0, steps, iterations, residual) and of what is `TOLD` when it is asked for.
     """
-    h, t0, steps, c = grid
     known = {
         "system": system,
-        "rule": chosen.rule,
+        "rule": how.rule,
         "q": nodes[0],
         "p": nodes[1],
-        "h": h,
+        "h": grid[0],
         "c": c,
-        "origin": t0,
-        "_make": partial(_made, chosen, kernel, (h, t0, steps), work, more),
+        "origin": grid[1],
+        "_make": partial(how.make, grid, told),
     }
     if len(nodes) > 2:
         known["v"] = nodes[2]
@@ -53,15 +136,15 @@ def even_motion_of(
 def _made(
     chosen: Plan,
     kernel: Kernel,
-    grid: tuple[float, float, int],
-    work: Sequence[float],
-    more: dict[str, Any],
+    grid: tuple[float, float, int, float, float],
+    told: tuple,
     name: str,
 ) -> Any:
     """The field of this name."""
-    h, t0, steps = grid
+    h, t0, steps, iterations, residual = grid
     if name == "stats":
-        return stats_of(chosen, kernel, steps, (int(work[0]), work[1]), more)
+        more = dict(zip(TOLD, told, strict=False))
+        return stats_of(chosen, kernel, steps, (int(iterations), residual), more)
     if name == "functions":
         return steps_again(chosen.rule, in_gear)
     if name == "u":

@@ -80,6 +80,8 @@ class Room:
         The start that is there, known to be good with them: q and v, and the time.
     seen : tuple, optional
         A `known` start that was looked at ahead of a run, and what was seen.
+    chosen : tuple, optional
+        The loop and its first steps, for what was seen and a tolerance.
     """
 
     n: int
@@ -107,6 +109,7 @@ class Room:
     opening: Opening | None = None
     known: tuple[bytes, float] | None = None
     seen: tuple | None = None
+    chosen: tuple | None = None
 
 
 def is_plain_number(x: Any) -> bool:

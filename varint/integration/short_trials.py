@@ -24,6 +24,7 @@ from varint.codegen.refined_runs import refined_course
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import (
     NO_OPENING,
+    NO_RATES,
     NOT_PROVED,
     NOT_SHORT,
     UNASKED,
@@ -41,7 +42,7 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
-from varint.integration.even_motion import even_motion_of
+from varint.integration.even_motion import even_motion_of, made_of
 from varint.integration.force_bounds import forces_as_data
 from varint.integration.gears import BY_STAGES, Gears, gears_with, kernel_after
 from varint.integration.held_rows import is_held
@@ -109,20 +110,14 @@ def by_short_trials(
         return NOT_SHORT
     asked = start.t0, start.h, first, radians, tol
     gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
-    rates: list[Rates | None] = rates_to_follow(system) if follow else [None]
+    rates = rates_to_follow(system) if follow else [NO_RATES]
     found = two_short_runs(system, course, gears, places, asked, rates)
     if isinstance(found, int):
         return found
-    steps, runs, estimate, *work, nodes, doubted = found
-    motion = even_motion_of(
-        system,
-        plan(system, rule),
-        course.kernel,
-        nodes,
-        (start.h / steps, start.t0, steps, start.c),
-        work,
-        {"seconds": perf_counter() - began},
-    )
+    steps, runs, estimate, iterations, residual, nodes, doubted = found
+    grid = start.h / steps, start.t0, steps, iterations, residual
+    how, seconds = made_of(course, plan(system, rule)), perf_counter() - began
+    motion = even_motion_of(system, how, nodes, start.c, grid, (seconds,))
     if doubted:
         estimate = max(estimate, refined.looked_at_closely(rule, motion, None, tol))
     if estimate > tol:
@@ -149,7 +144,7 @@ def two_short_runs(
     gears: Gears | None,
     places: Places,
     asked: tuple[float, float, int, float, float],
-    rates: list[Rates | None],
+    rates: list[Rates],
     opening: bytes = NO_OPENING,
 ) -> Found | int:
     """`two_runs` of (t0, duration, first, radians, tol), and in the low one of `gears` a look at

@@ -179,15 +179,19 @@ def simulate(
         motion = _physical_call()(system, rule, time_scale, q0, v0, params, run, began)
         if motion is not None:
             return motion
-    if tol is not None or not (
-        iteration_tol is None
-        or (h is not None and type(iteration_tol) is float and 0 < iteration_tol < 1)
-    ):
-        tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
+    stepped = h is not None or steps is not None
+    if tol is None:
+        clear = iteration_tol is None or (
+            h is not None and type(iteration_tol) is float and 0 < iteration_tol < 1
+        )
+    else:
+        clear = iteration_tol is None and not stepped and type(tol) is float and 0 < tol < 1
+    if not clear:
+        tol, iteration_tol = _tolerances(tol, iteration_tol, stepped)
     if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
         h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
     if plain and time_scale is None and backend == "auto":
-        if h is not None or steps is not None:
+        if stepped:
             known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
             few_steps_call, watched = _few_steps().few_steps_call, (until, events)
             level = 0.0 if iteration_tol is None else LEVEL * iteration_tol

@@ -32,8 +32,9 @@ from varint.integration.plain_trials import NotPlain
 from varint.integration.rule_choice import cheapest, iteration_level
 from varint.integration.run import FIRST
 from varint.integration.run_distance import apart_from_proved
-from varint.integration.short_call import Known, fastest_of, is_plainly_asked, known_of
+from varint.integration.short_call import is_plainly_asked
 from varint.integration.short_looks import looked_at
+from varint.integration.short_scenes import Known, fastest_of, known_of
 from varint.integration.small_motions import angles_turned
 from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
 from varint.integration.to_tolerance import with_estimate

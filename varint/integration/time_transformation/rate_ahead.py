@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.rows import RowFunction, row_function_or_none
-from varint.codegen.two_runs import UNASKED, Rates, rates_of
+from varint.codegen.two_runs import NO_RATES, UNASKED, Rates, rates_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.time_transformation.flight_rate import flight_rate
 from varint.integration.time_transformation.local_rate import local_rate
@@ -124,17 +124,17 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
 
 
 @per_scene
-def rates_to_follow(system: System) -> list[Rates | None]:
+def rates_to_follow(system: System) -> list[Rates]:
     """One: what is known of those of `kinds_of` as data."""
     return [UNASKED]
 
 
-def ask_for_rates(system: System) -> Rates | None:
-    """Those of `kinds_of`, where they are data."""
+def ask_for_rates(system: System) -> Rates:
+    """Those of `kinds_of`, or none of them where they are not data."""
     looks = [look_by(system, flight) for flight in kinds_of(system)]
     rows, known = _rate_rows(system), [look for look in looks if look is not None]
     if rows is None or len(known) < len(looks):
-        return None
+        return NO_RATES
     return rates_of(rows, known, STEPS, ANGLE, ASTRAY, WORTH)
 
 

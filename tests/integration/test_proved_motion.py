@@ -1,0 +1,155 @@
+"""Motions that are made of what the core has proved: by Python's interface in C, and by Python."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import sys
+import threading
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+import varint.integration.even_motion as even
+from varint.codegen.built import built_module
+from varint.codegen.two_runs import NO_RATES
+from varint.integration.short_scenes import known_of
+
+FIELDS = "t", "q", "p", "h", "k", "u", "c", "active_sets", "events", "fictitious", "origin"
+
+
+def falling():
+    q, v = vi.coordinates("x", "z")
+    drag = -0.1 * v * ca.norm_2(v)
+    return vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], force=drag), [0.0, 1.0], [3.0, 4.0], 1.5
+
+
+def swinging():
+    q, v = vi.coordinates("theta")
+    return vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q)), [1.0], [0.0], 2.0
+
+
+def swinging_long():
+    return *swinging()[:3], 600.0
+
+
+def relativistic():
+    """Velocities have no formula: nodes have them."""
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, v**2 / 2 + 0.1 * v**4 - q**2), [0.4], [0.3], 3.0
+
+
+def driven():
+    """By a force that has no bounds as data: more is to be looked at."""
+    q, v = vi.coordinates("x")
+    t = vi.time()
+    return vi.System(q, v, v**2 / 2 - q**2 / 2, force=ca.erf(t), t=t), [1.0], [0.0], 4.0
+
+
+SCENES = falling, swinging, swinging_long, relativistic, driven
+
+
+@pytest.fixture
+def by_python(monkeypatch):
+    monkeypatch.setattr(even, "built_module", lambda: None)
+    even.proved_motion.cache_clear()
+    yield
+    even.proved_motion.cache_clear()
+
+
+def as_found(make):
+    system, q0, v0, duration = make()
+    return vi.simulate(system, q0=q0, v0=v0, duration=duration, progress=False)
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_c_and_python_make_the_same_motion(make, by_python):
+    def is_by(kind):
+        return type(even.proved_motion()) is kind
+
+    assert is_by(type(lambda: 0))
+    other = as_found(make)
+    even.proved_motion.cache_clear()
+    even.built_module = built_module  # the fixture puts it back
+    if built_module() is None:
+        pytest.skip("Python came without its headers")
+    one = as_found(make)
+    assert not is_by(type(lambda: 0))
+    for name in FIELDS:
+        a, b = getattr(one, name), getattr(other, name)
+        assert np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
+    assert one.v.tobytes() == other.v.tobytes()
+    assert list(one.stats) == list(other.stats)
+    told = {k: x for k, x in one.stats.items() if k not in ("seconds", "plan")}
+    assert told == {k: x for k, x in other.stats.items() if k not in ("seconds", "plan")}
+    assert 0 < one.stats["seconds"] < 60
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_motions_do_not_share_their_nodes(make):
+    one = as_found(make)
+    kept = one.q.copy()
+    other = as_found(make)
+    other.q[:] = 0
+    assert np.array_equal(one.q, kept) and not np.shares_memory(one.q, other.q)
+
+
+def test_motions_travel_before_they_are_looked_at():
+    for made in (pickle.loads(pickle.dumps(as_found(falling))), copy.deepcopy(as_found(falling))):
+        assert np.array_equal(made.t, as_found(falling).t)
+        assert made.stats["runs"] == as_found(falling).stats["runs"]
+
+
+def test_nothing_is_left_behind():
+    as_found(falling)
+    system, q0, v0, duration = falling()
+
+    def some():
+        for _ in range(200):
+            vi.simulate(system, q0=q0, v0=v0, duration=duration, progress=False).stats["runs"]
+
+    some()
+    whole = [system, system.default_vector, float, vi.Trajectory]
+    before = [sys.getrefcount(x) for x in whole]
+    some()
+    assert max(np.subtract([sys.getrefcount(x) for x in whole], before)) < 20
+
+
+def test_threads_find_what_one_finds():
+    system, q0, v0, duration = falling()
+    alone = vi.simulate(system, q0=q0, v0=v0, duration=duration, progress=False)
+    found = []
+
+    def some():
+        for _ in range(50):
+            found.append(vi.simulate(system, q0=q0, v0=v0, duration=duration, progress=False))
+
+    threads = [threading.Thread(target=some) for _ in range(4)]
+    for x in threads:
+        x.start()
+    for x in threads:
+        x.join()
+    assert len(found) == 200
+    assert all(x.q.tobytes() == alone.q.tobytes() for x in found)
+
+
+def test_what_is_not_made_for_it_is_refused():
+    if built_module() is None:
+        pytest.skip("Python came without its headers")
+    prove = built_module().prove
+    numbers = 0.0, 1.0, 4, 1.0, 1e-9
+    with pytest.raises(TypeError, match="eleven"):
+        prove(1)
+    with pytest.raises(TypeError, match="are needed"):
+        prove((), (), None, None, *numbers, NO_RATES, 0.0)
+    system, q0, v0, _ = falling()
+    vi.simulate(system, q0=q0, v0=v0, duration=1.0, progress=False)
+    known = known_of(system, None)
+    loop = next(x for x in known.loops if x is not None)
+    how, places = loop.last[1], known.rooms[-1].places
+    with pytest.raises(TypeError):
+        prove(how, places, system, system.default_vector, "now", *numbers[1:], NO_RATES, 0.0)
+    with pytest.raises(TypeError, match="another size"):
+        prove(how, places._replace(head=b""), system, None, *numbers, NO_RATES, 0.0)

@@ -1,0 +1,169 @@
+/* Runs that prove an error, and the motion of the nodes that they found, in one call from Python: what the numbers of a short
+   run take to be packed, and its nodes and what is told of them to become objects, is longer than the run.
+
+   A module of its own, by Python's own interface; varint/integration/even_motion.py does the same where it was not built. */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include "found.h"
+
+/* What stands behind the course of runs: the start, and what is asked (two_runs_core.c, refined_core.c). */
+typedef struct {
+    const double *start, *c;
+    Proved *found;
+    const double *mass;
+    int64_t apart;
+    Room room;
+} Place;
+typedef struct {
+    int64_t first;
+    double t0, duration, radians, tol;
+    const void *rates, *open, *opening;
+    int64_t opens;
+} Asked;
+enum Status { PROVED, DOUBTED = 3 };
+#define LONGEST_COURSE 512 /* bytes */
+
+/* Fields of Made in varint/integration/even_motion.py, and of Places in varint/codegen/two_runs.py */
+enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, RULE, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
+enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
+enum { SYSTEM_NAME, RULE_NAME, Q_NAME, P_NAME, V_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "rule", "q", "p", "v", "h", "c", "origin", "_make", "copy"};
+static PyObject *names[NAMES];
+
+#define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)
+
+/* (parts, steps + 1, n) numbers, from the room or from a run that is long. */
+static PyObject *nodes_of(PyObject *how, PyObject *places, const Proved *found) {
+    PyObject *const views = ITEM(places, VIEWS), *const count = PyLong_FromLongLong(found->steps);
+    const int64_t n = PyLong_AsLongLong(ITEM(how, N)), parts = PyLong_AsLongLong(ITEM(how, PARTS));
+    PyObject *made = 0, *const known = count && !found->run ? PyDict_GetItemWithError(views, count) : 0;
+    if (known) made = PyObject_CallMethodNoArgs(known, names[COPY_NAME]);
+    else if (count && !PyErr_Occurred()) {
+        PyObject *const shape = Py_BuildValue("LLL", (long long)parts, (long long)found->steps + 1, (long long)n);
+        PyObject *given[] = {shape, ITEM(how, FLOAT), ITEM(places, ROOM)};
+        if (shape) made = PyObject_Vectorcall(ITEM(how, ARRAY), given, found->run ? 2 : 3, 0);
+        Py_XDECREF(shape);
+        if (made && found->run) {
+            Py_buffer memory;
+            if (!PyObject_GetBuffer(made, &memory, PyBUF_WRITABLE)) {
+                put_nodes(found->run, n, found->steps + 1, parts, memory.buf);
+                PyBuffer_Release(&memory);
+            } else
+                Py_CLEAR(made);
+        } else if (made) {
+            PyObject *const view = made;
+            made = PyDict_SetItem(views, count, view) ? 0 : PyObject_CallMethodNoArgs(view, names[COPY_NAME]);
+            Py_DECREF(view);
+        }
+    }
+    free(found->run);
+    Py_XDECREF(count);
+    return made;
+}
+
+/* Into `to`, whose reference to x it takes; whether that was done. */
+static int put(PyObject *to, int name, PyObject *x) {
+    const int done = x && !PyDict_SetItem(to, names[name], x);
+    Py_XDECREF(x);
+    return done;
+}
+
+static PyObject *again(PyObject *x) { Py_INCREF(x); return x; }
+
+/* What makes a motion's fields when they are looked at: (name) -> the field. Numbers become objects only then. */
+typedef struct {
+    PyObject_HEAD
+    PyObject *make, *rule;
+    double t0, h, seconds, tol;
+    Proved found;
+} Maker;
+
+static PyObject *made_by(PyObject *self, PyObject *given, PyObject *named) {
+    const Maker *const m = (Maker *)self;
+    const Proved *const f = &m->found;
+    PyObject *name;
+    if (!PyArg_ParseTuple(given, "O", &name)) return 0;
+    return PyObject_CallFunction(m->make, "(ddLdd)(dddOL)O", m->h, m->t0, (long long)f->steps, f->iterations, f->residual, m->seconds,
+                                 m->tol, f->estimate, m->rule, (long long)f->runs, name);
+}
+
+static void free_maker(PyObject *self) {
+    Maker *const m = (Maker *)self;
+    Py_DECREF(m->make), Py_DECREF(m->rule);
+    Py_TYPE(self)->tp_free(self);
+}
+
+static PyTypeObject maker = {PyVarObject_HEAD_INIT(NULL, 0).tp_name = "varint.codegen._direct.Maker", .tp_basicsize = sizeof(Maker),
+                             .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION, .tp_call = made_by, .tp_dealloc = free_maker};
+
+static PyObject *maker_of(PyObject *how, const Asked *asked, const Proved *found, double began) {
+    PyObject *const now = PyObject_CallNoArgs(ITEM(how, NOW));
+    Maker *const made = now ? PyObject_New(Maker, &maker) : 0;
+    if (made) {
+        made->make = again(ITEM(how, MAKE)), made->rule = again(ITEM(how, NAME));
+        made->t0 = asked->t0, made->h = asked->duration / (double)found->steps, made->tol = asked->tol, made->found = *found;
+        made->seconds = PyFloat_AsDouble(now) - began;
+    }
+    Py_XDECREF(now);
+    return (PyObject *)made;
+}
+
+static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObject *places, const Asked *asked, const Proved *found,
+                           double began) {
+    PyObject *const nodes = nodes_of(how, places, found), *const known = PyDict_New();
+    const int64_t parts = PyLong_AsLongLong(ITEM(how, PARTS));
+    PyTypeObject *const type = (PyTypeObject *)ITEM(how, TYPE);
+    PyObject *motion = 0;
+    if (nodes && known && put(known, SYSTEM_NAME, again(system)) && put(known, RULE_NAME, again(ITEM(how, RULE))) &&
+        put(known, Q_NAME, PySequence_GetItem(nodes, 0)) && put(known, P_NAME, PySequence_GetItem(nodes, 1)) &&
+        (parts < 3 || put(known, V_NAME, PySequence_GetItem(nodes, 2))) &&
+        put(known, H_NAME, PyFloat_FromDouble(asked->duration / (double)found->steps)) && put(known, C_NAME, again(c)) &&
+        put(known, ORIGIN_NAME, PyFloat_FromDouble(asked->t0)) && put(known, MAKE_NAME, maker_of(how, asked, found, began))) {
+        motion = type->tp_alloc(type, 0);
+        if (motion && PyObject_GenericSetDict(motion, known, 0)) Py_CLEAR(motion);
+    }
+    Py_XDECREF(nodes), Py_XDECREF(known);
+    return motion;
+}
+
+/* (how, places, system, c, t0, duration, first, radians, tol, rates, began) -> the motion, with its estimated error where more
+   is to be looked at before it is proved; or what the core says. */
+static PyObject *prove(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+    if (count != 11) return PyErr_Format(PyExc_TypeError, "eleven arguments are needed");
+    PyObject *const how = given[0], *const places = given[1];
+    if (!PyTuple_Check(how) || PyTuple_GET_SIZE(how) != MADE || !PyTuple_Check(places) || PyTuple_GET_SIZE(places) != PLACES ||
+        !PyTuple_Check(given[9]) || !PyTuple_GET_SIZE(given[9]))
+        return PyErr_Format(PyExc_TypeError, "how runs are made, places and rates are needed");
+    PyObject *const head = ITEM(how, HEAD), *const place = ITEM(places, PLACE);
+    if (!PyBytes_Check(head) || !PyBytes_Check(place) || PyBytes_GET_SIZE(head) > LONGEST_COURSE || PyBytes_GET_SIZE(place) != sizeof(Place))
+        return PyErr_Format(PyExc_TypeError, "a course or places are of another size");
+    int (*const entry)(const void *) = (int (*)(const void *))PyLong_AsVoidPtr(ITEM(how, ENTRY));
+    const Asked asked = {PyLong_AsLongLong(given[6]), PyFloat_AsDouble(given[4]), PyFloat_AsDouble(given[5]), PyFloat_AsDouble(given[7]),
+                         PyFloat_AsDouble(given[8]), PyLong_AsVoidPtr(ITEM(given[9], 0))};
+    const double began = PyFloat_AsDouble(given[10]);
+    if (PyErr_Occurred()) return 0;
+    const size_t size = PyBytes_GET_SIZE(head);
+    char call[LONGEST_COURSE + sizeof(Place) + sizeof(Asked)] __attribute__((aligned(8)));
+    Place at;
+    memcpy(call, PyBytes_AS_STRING(head), size), memcpy(&at, PyBytes_AS_STRING(place), sizeof at);
+    memcpy(call + size, &at, sizeof at), memcpy(call + size + sizeof at, &asked, sizeof asked);
+    int status;
+    Py_BEGIN_ALLOW_THREADS
+    status = entry(call);
+    Py_END_ALLOW_THREADS
+    if (status != PROVED && status != DOUBTED) return PyLong_FromLong(status);
+    const Proved found = *at.found;
+    PyObject *const motion = motion_of(given[2], given[3], how, places, &asked, &found, began);
+    return status == PROVED || !motion ? motion : Py_BuildValue("(Nd)", motion, found.estimate);
+}
+
+static PyMethodDef methods[] = {{"prove", (PyCFunction)(void (*)(void))prove, METH_FASTCALL, 0}, {0}};
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_direct", 0, -1, methods};
+
+PyMODINIT_FUNC PyInit__direct(void) {
+    if (PyType_Ready(&maker)) return 0;
+    for (int i = 0; i < NAMES; i++)
+        if (!(names[i] = PyUnicode_InternFromString(spelt[i]))) return 0;
+    PyObject *const made = PyModule_Create(&module);
+    return made && !PyModule_AddStringConstant(made, "digest", DIGEST) ? made : 0;
+}
