@@ -23,7 +23,7 @@ COLLISION = vi.System(q2, v2, ca.sumsqr(v2) / 2 - 4 * (R**-12 - R**-6))
 
 
 def ahead(scene, q0, v0, duration):
-    return seen_ahead(scene, np.array(q0 + v0), scene.default_vector, duration)
+    return seen_ahead(scene, np.array(q0 + v0), 0.0, scene.default_vector, duration)
 
 
 def pericentre(e):

@@ -31,7 +31,7 @@ def test_the_core_sees_the_rates_that_the_pilot_sees(scene, flight, total):
     system, *start = SCENES[scene]
     q, v = np.array(start)
     c = system.default_vector
-    pilot = pilots.rate_pilot(system, q, v, c, total, total < 0, flight)
+    pilot = pilots.rate_pilot(system, q, v, 0.0, c, total, total < 0, flight)
     rough = pilots._without_core(system, q, v, c, abs(total), total < 0, flight)
     seen = look_ahead(
         pilots.look_by(system, flight),
@@ -43,7 +43,7 @@ def test_the_core_sees_the_rates_that_the_pilot_sees(scene, flight, total):
         total=abs(total),
         astray=pilots.ASTRAY,
     )
-    glance = pilots.glance(system, np.concatenate((q, v)), c, total, flight)
+    glance = pilots.glance(system, q, v, 0.0, c, total, flight)
     assert glance == seen
     if pilot is None:
         assert seen is rough is None

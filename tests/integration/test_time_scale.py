@@ -192,18 +192,6 @@ def test_several_close_pairs_are_weighted_smoothly():
     assert float(scale([1.0, 1.0])) == pytest.approx(2**-0.75)
 
 
-def test_what_has_no_conserved_energy_is_refused():
-    q, v = vi.coordinates("x")
-    t = vi.time()
-    driven = vi.System(q, v, v**2 / 2 - q * ca.sin(t), t=t)
-    damped = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-v)
-    run = dict(q0=1.0, v0=0.0, h=0.1, duration=1.0)
-    with pytest.raises(vi.InputError, match="depends on time"):
-        vi.simulate(driven, time_scale=1 + q**2, **run)
-    with pytest.raises(vi.InputError, match="forces"):
-        vi.simulate(damped, time_scale=1 + q**2, **run)
-
-
 def test_time_scales_that_are_none_are_refused():
     q, v = vi.coordinates("x")
     free = vi.System(q, v, v**2 / 2 - q**2 / 2)

@@ -181,20 +181,15 @@ def test_a_constant_rate_means_equal_steps_and_the_plan_says_so():
 
 
 def refused(name):
-    q, v = vi.coordinates("x")
     scenes = {
         "mass matrix": lambda: vi.models.double_pendulum().system,
         "magnetic": lambda: vi.models.inverse_distance_field().system,
         "constraints": lambda: vi.models.pendulum_cartesian().system,
-        "depends on time": lambda: vi.models.driven_pendulum().system,
-        "forces change": lambda: vi.System(q, v, v**2 / 2 - q**4, force=-v),
     }
     return scenes[name]()
 
 
-@pytest.mark.parametrize(
-    "name", ["mass matrix", "magnetic", "constraints", "depends on time", "forces change"]
-)
+@pytest.mark.parametrize("name", ["mass matrix", "magnetic", "constraints"])
 def test_scenes_without_a_rate_of_their_own_are_told_why(name):
     system = refused(name)
     n = system.q.numel()

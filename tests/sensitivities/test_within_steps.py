@@ -115,10 +115,14 @@ def test_a_pendulums_quarter_period_by_elliptic_integrals():
     assert found.after[1, 0] == pytest.approx(-np.cos(theta / 2), rel=1e-11)  # v = −2 sin(θ0/2)
 
 
-def orbiting():
+def orbiting(pushed: bool = False):
+    """Where it is pushed, by a drive in time and a drag that depends on the place."""
     q, v = vi.coordinates("x", "y")
-    c = vi.Parameters(mu=1.0)
-    system = vi.System(q, v, ca.sumsqr(v) / 2 + c.mu / ca.norm_2(q), params=c)
+    c, t = vi.Parameters(mu=1.0), vi.time()
+    potential = -c.mu / ca.norm_2(q)
+    more = dict(t=t, force=-0.05 * c.mu * ca.sumsqr(q) * v) if pushed else {}
+    potential += 0.1 * q[0] * ca.cos(2 * t) if pushed else 0.0
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - potential, params=c, **more)
     scale = vi.close_encounters(ca.norm_2(q))
 
     def run(x: np.ndarray, rule: vi.Rule | None = None, **more) -> vi.Trajectory:
@@ -133,8 +137,12 @@ def orbiting():
 ORBIT = np.array([0.5, 0.1, 0.0, 1.7, 1.0])
 
 
-def test_variable_steps_have_the_derivatives_of_their_nodes_at_given_times():
-    system, run = orbiting()
+PUSHED = pytest.mark.parametrize("pushed", [False, True], ids=["free", "pushed"])
+
+
+@PUSHED
+def test_variable_steps_have_the_derivatives_of_their_nodes_at_given_times(pushed):
+    system, run = orbiting(pushed)
     motion = run(ORBIT)
     some = [5, 17]
 
@@ -158,8 +166,9 @@ def test_variable_steps_have_the_derivatives_of_their_nodes_at_given_times():
     assert of.t0 is None and of.duration is None
 
 
-def test_the_running_loss_of_variable_steps_is_the_same_integral():
-    system, run = orbiting()
+@PUSHED
+def test_the_running_loss_of_variable_steps_is_the_same_integral(pushed):
+    system, run = orbiting(pushed)
     loss = system.q[0] ** 2 * system.v[1] + system.t * system.q[1]
     found = vi.gradient(run(ORBIT), loss)
     wanted = differences(lambda x: np.array([vi.gradient(run(x), loss).value]), ORBIT, 1e-4)[0]
@@ -172,14 +181,16 @@ def test_the_running_loss_of_variable_steps_is_the_same_integral():
 @pytest.mark.parametrize(
     "scale", [None, pytest.param("auto", marks=pytest.mark.long)], ids=["given", "its own"]
 )
-def test_the_transition_matrix_of_variable_steps_is_that_of_the_motion(scale):
-    _, run = orbiting()
+@PUSHED
+def test_the_transition_matrix_of_variable_steps_is_that_of_the_motion(scale, pushed):
+    _, run = orbiting(pushed)
     motion = run(ORBIT, vi.gauss(6), **(dict(time_scale="auto", h=0.4) if scale else dict(h=0.2)))
     equal = run(ORBIT, vi.gauss(6), h=0.02, time_scale=None)
     phi, wanted = motion.transition_matrix(), equal.transition_matrix()
     assert np.abs(phi - wanted).max() < 1e-9 * np.abs(wanted).max()
     j = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
-    assert np.abs(phi.T @ j @ phi - j).max() < 1e-9 * np.abs(phi).max()
+    kept = np.abs(phi.T @ j @ phi - j).max() < 1e-9 * np.abs(phi).max()
+    assert kept != pushed  # drag shrinks it
     product = motion.transition_matrix(9) @ motion.transition_matrix(0, 9)
     assert np.abs(product - phi).max() < 1e-9 * np.abs(phi).max()
 

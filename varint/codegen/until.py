@@ -122,10 +122,10 @@ def physical_times(found: Until) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def physical_states(found: Until) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and momenta of the nodes without those of the clock."""
+def physical_states(found: Until, own: int) -> tuple[np.ndarray, np.ndarray]:
+    """The first so many coordinates and momenta of the nodes: those of the scene itself."""
     _, n, _, count, kept, _, _, _ = found
-    others, apart, at = (count, n - 1), (8 * n, 8), 24 * count
+    others, apart, at = (count, own), (8 * n, 8), 24 * count
     return (  # in half the time of slices
         _array(others, _FLOAT, kept, at, apart),
         _array(others, _FLOAT, kept, at + 8 * n * count, apart),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 
@@ -147,13 +149,18 @@ def full_inertia(system: System) -> bool:
 
 
 def mass_solve(mass: ca.SX, rhs: ca.SX) -> ca.SX:
-    """M⁻¹ rhs as an expression: division where M is diagonal, sparse LDLᵀ otherwise, QR where
-    LDLᵀ may break.
+    """M⁻¹ rhs as an expression: division where M is diagonal, sparse LDLᵀ otherwise, QR for the
+    coordinates that others are coupled to where LDLᵀ may break.
     """
     if mass.sparsity().is_diag():
         return rhs / ca.diag(mass)
     if mass.sparsity().get_diag()[0].nnz() < mass.shape[0]:
-        return ca.solve(mass, rhs)
+        count, order, ends = mass.sparsity().scc()
+        if count == 1:
+            return ca.solve(mass, rhs)
+        groups = [order[a:b] for a, b in pairwise(ends)]
+        found = ca.vertcat(*(mass_solve(mass[group, group], rhs[group, :]) for group in groups))
+        return found[np.argsort(order).tolist(), :]
     d, lt, order = ca.ldl(mass)
     return ca.ldl_solve(rhs, d, lt, order)
 

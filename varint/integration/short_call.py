@@ -93,7 +93,8 @@ def short_call(
         there = room.known
         if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
             check_steps(t0, duration, 1)
-            seen = there, known, duration, *_looked_ahead(system, known, room, begin, c, duration)
+            ahead = _looked_ahead(system, known, room, begin, t0, c, duration)
+            seen = there, known, duration, *ahead
             room.seen = None if there is None else seen
         _, _, _, pilot, turned = seen
         runs = 0
@@ -103,7 +104,7 @@ def short_call(
             if type(found) is not int or found < VARIES:
                 return found
             runs = runs_made(room.places)
-            pilot = seen_along(system, begin, c, duration, found - VARIES)
+            pilot = seen_along(system, begin, t0, c, duration, found - VARIES)
             if pilot is None:
                 again = _by_the_core(*how, [NO_RATES])
                 if type(again) is not Trajectory:
@@ -124,14 +125,20 @@ def is_plainly_asked(rule: Any, t0: Any, duration: Any, tol: float) -> bool:
 
 
 def _looked_ahead(
-    system: System, known: Known, room: Room, begin: np.ndarray, c: np.ndarray, duration: float
+    system: System,
+    known: Known,
+    room: Room,
+    begin: np.ndarray,
+    t0: float,
+    c: np.ndarray,
+    duration: float,
 ) -> tuple[RatePilot | None, tuple[float, float]]:
     """A pilot if steps should vary, and else how far the fastest motions turn: at the start, and
     where the first steps are for.
     """
     assert room.look is not None
     room.look()
-    ahead = seen_ahead(system, begin, c, duration) if known.varies else NOTHING
+    ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
     return ahead.pilot, angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
 
 

@@ -132,7 +132,7 @@ def _choice_in(
     loud: list[Trajectory] = []
 
     def choose(piece: float) -> Choice:
-        ahead = NOTHING if begin is None else seen_ahead(system, begin, c, piece)
+        ahead = NOTHING if begin is None else seen_ahead(system, begin, t0, c, piece)
         if ahead.pilot is not None:
             raise NotPlain
         turned = angles_turned(piece, fastest, ahead.frequency)

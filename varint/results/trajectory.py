@@ -273,8 +273,12 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
-        if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
-            return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
+        if (inner := self.fictitious) is not None:
+            n, (energy, start) = self.q.shape[1], inner.c[-2:].tolist()
+            if inner.q.shape[1] > n + 1:  # ∫ L dt = ∫ [σ L + (t' − σ + σ0) s'] dτ − σ0 ∫ ds
+                return inner.action - start * float(inner.q[-1, n] - inner.q[0, n])
+            # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
+            return inner.action - (energy + start) * self.duration
         return float(self.sums(self.functions.action).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:

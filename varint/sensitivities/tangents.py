@@ -245,8 +245,8 @@ def asked_directions(motion: Trajectory, wrt: Sequence[Any]) -> Asked:
 def _vary_time(motion: Trajectory, name: str, outer: np.ndarray) -> None:
     if motion.fictitious is not None and name != "h":
         raise InputError(
-            "this run took its steps in a fictitious time, and its scene is the same at all times: "
-            f"it has no {name!r} to vary; nodes move with their velocities"
+            f"this run took its steps in a fictitious time and has no {name!r} to vary: nodes move "
+            "with their velocities; take steps of h="
         )
     if name == "t0":
         outer[-1] = 1.0

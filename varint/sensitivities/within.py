@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from varint.integration.time_transformation.time_scale import TIME
+from varint.integration.time_transformation.transformed_scene import TIME
 from varint.rules.polynomials import lagrange_slopes, lagrange_values
 from varint.scene.system import System
 from varint.sensitivities.carrier import Carrier, Rows

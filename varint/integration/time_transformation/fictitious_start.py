@@ -11,10 +11,10 @@ from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.integration.problem import InitialValueProblem, Start
 from varint.integration.time_transformation.rate_pilot import RatePilot
-from varint.integration.time_transformation.time_scale import TransformedScene
+from varint.integration.time_transformation.transformed_scene import TransformedScene
 from varint.numerics.arrays import call
 from varint.numerics.limits import MOST_STEPS, check_steps
-from varint.scene.inputs import vector
+from varint.scene.inputs import number, vector
 from varint.scene.system import System, parameter_values
 
 RADIANS = 10.0  # at least, that a run turns: no step leaps over it
@@ -51,13 +51,15 @@ def in_fictitious_time(
             "take larger ones"
         )
     count = problem.steps if total is None else max(1, math.ceil(pace))
+    beside = (scale, -energy) if scene.accounts else (scale,)
+    begin = t if scene.accounts else t[:0]
     return problem._replace(
-        q0=np.append(problem.q0, 0.0),
-        p0=np.append(problem.p0, scale),
+        q0=np.append(problem.q0, np.zeros(len(beside))),
+        p0=np.append(problem.p0, beside),
         t0=0.0,
         steps=count,
         u=np.empty((count, 1, 0)),
-        c=np.append(problem.c, (slowest, energy, scale)),
+        c=np.concatenate((problem.c, begin, (slowest, energy, scale))),
     )
 
 
@@ -83,7 +85,8 @@ def rate_at(system: System, scene: TransformedScene, start: Start) -> float:
     """The scene's own rate ω(q0)."""
     c = parameter_values(system, start.params)
     q = vector("q0", start.q0, system.q.numel(), system.names)
-    _, scale = call(scene.energy, q, np.zeros(len(q)), np.zeros(1), c, np.zeros(1))
+    t = np.array([number("t0", start.t0)])
+    _, scale = call(scene.energy, q, np.zeros(len(q)), t, c, np.zeros(1))
     return 1 / float(scale[0])
 
 

@@ -19,14 +19,17 @@ from varint.integration.time_transformation.local_rate import (
     FLAT,
     SLOWEST_RATE,
     LocalRate,
-    Term,
     gyration,
-    potential_of,
-    potential_terms,
     rate_of_potential,
     root_of,
 )
 from varint.integration.time_transformation.metric_rate import metric_rate
+from varint.integration.time_transformation.potential_terms import (
+    Term,
+    potential_of,
+    potential_terms,
+)
+from varint.integration.work_bound import keeps_energy
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
@@ -45,6 +48,8 @@ def flight_rate(system: System) -> LocalRate:
     s = system.structure
     if s.constraints or s.nonholonomic or not s.quadratic_kinetic:
         return LocalRate(None, "∂a/∂q depends on more than coordinates")
+    if not keeps_energy(system):
+        return LocalRate(None, "forces or explicit time change the energy, and with it the speed")
     if not s.constant_mass:
         change = metric_rate(system)
         if change is None:

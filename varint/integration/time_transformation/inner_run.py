@@ -21,7 +21,7 @@ from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, k
 from varint.integration.many_steps import steps_again
 from varint.integration.plan import Plan, plan
 from varint.integration.time_transformation.physical_end import FIRST_CHUNK, OFF_LEVEL, PATIENCE
-from varint.integration.time_transformation.time_scale import TransformedScene
+from varint.integration.time_transformation.transformed_scene import TransformedScene, level_of
 from varint.integration.trajectories import plain_motion_of
 from varint.results.records import StepsAgain
 from varint.results.trajectory import Trajectory
@@ -83,19 +83,20 @@ def called_on(moving: System, scene: TransformedScene, rule: Rule | None) -> Cal
 
 
 def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
-    """(q, p) → energy of the original scene and |p·dq/dt|, energy of the rescaled one and its
-    |p·v|, dt/dτ; None where they are no data.
+    """(q, p) → what is E0 all along and |p·dq/dt|, the constant energy of the rescaled scene and
+    its |p·v|, dt/dτ; None where they are no data.
     """
     velocity = velocity_function(moving)
     if not velocity.is_a("SXFunction"):
         return None
-    s, n = moving, moving.structure.n - 1
-    p, none = ca.SX.sym("p", n + 1), ca.SX.zeros(1)
-    v = velocity(s.q, p, none, s.c)
-    energy, _ = scene.energy(s.q[:n], v[:n] / v[n], none, s.c[:-3], s.c[-3])
-    (whole,) = ca.substitute([s.energy], [s.v], [v])
-    size = ca.fabs(ca.dot(p[:n], v[:n]) / v[n])
-    results = [energy, size, whole, ca.fabs(ca.dot(p, v)), v[n]]
+    s, p = moving, ca.SX.sym("p", moving.structure.n)
+    v = velocity(s.q, p, ca.SX.zeros(1), s.c)
+    energy, size = level_of(scene, s.q, p, v, s.c)
+    if scene.accounts:  # forces may do work on the rescaled scene, too
+        whole, moved = energy, size
+    else:
+        (whole,), moved = ca.substitute([s.energy], [s.v], [v]), ca.fabs(ca.dot(p, v))
+    results = [energy, size, whole, moved, v[-1]]
     return row_function_or_none("level", [s.q, p], s.c, [ca.densify(x) for x in results])
 
 

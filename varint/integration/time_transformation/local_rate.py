@@ -18,17 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import reduce
-from operator import or_
 from random import Random
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from varint.discrete.legendre import mass_solve
-from varint.errors import VarintError
-from varint.numerics.operations import operations_of, values_of
+from varint.integration.time_transformation.potential_terms import (
+    Term,
+    constants_of,
+    inverse_mass,
+    potential_of,
+    potential_terms,
+)
 from varint.numerics.places import normal_numbers, uniform_numbers
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -69,27 +70,38 @@ def local_rate(system: System) -> LocalRate:
     if ca.depends_on(turn, ca.vertcat(system.q, system.v)):
         return LocalRate(None, "∂a/∂q depends on velocities (a magnetic field that varies)")
     total = rate_of_potential(system) + gyration(system)
-    if not ca.depends_on(total, system.q):
+    if s.forced:
+        total += rate_of_force(system)
+    if not ca.depends_on(total, ca.vertcat(system.q, system.t)):
         return LocalRate(total, "∂a/∂q is constant: variable steps would change nothing")
     return LocalRate(total)
-
-
-@dataclass(frozen=True, eq=False)
-class _Graph:
-    """A potential as operations: their expressions, and a bit for each coordinate that they use."""
-
-    system: System
-    nodes: list[tuple]
-    expressions: list[ca.SX]
-    used: list[int]
 
 
 def gyration(system: System) -> ca.SX:
     """−½ tr B², by which charges go round."""
     at_rest = ca.substitute(system.momentum, system.v, ca.SX.zeros(system.structure.n))
     turn = ca.jacobian(at_rest, system.q)
-    spin = _inverse(system) @ (turn - turn.T)
+    spin = inverse_mass(system) @ (turn - turn.T)
     return -ca.trace(spin @ spin) / 2
+
+
+def rate_of_force(system: System) -> ca.SX:
+    """‖M⁻¹ ∂F/∂q‖ at rest and ½ ‖M⁻¹ ∂F/∂v‖² of a force that is linear in v, whose norms are those
+    that no linear change of coordinates alters; what else it does with v is no function of q.
+    """
+    still = ca.SX.zeros(system.structure.n)
+    pushed = ca.jacobian(ca.substitute(system.force, system.v, still), system.q)
+    damped = ca.jacobian(system.force, system.v)
+    found = root_of(_square_norm(system, pushed), system) if pushed.nnz() else ca.SX(0)
+    if damped.nnz() and not ca.depends_on(damped, system.v):
+        found += _square_norm(system, damped) / 2
+    return found
+
+
+def _square_norm(system: System, a: ca.SX) -> ca.SX:
+    """tr(M⁻¹ a M⁻¹ aᵀ)."""
+    inverse = inverse_mass(system)
+    return ca.sum1(ca.vec((inverse @ a) * (a @ inverse)))
 
 
 @per_system
@@ -97,41 +109,13 @@ def rate_of_potential(system: System) -> ca.SX:
     """Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½, or of the whole where a term is no function of one form."""
     terms = potential_terms(system)
     if terms is None:
-        a = _inverse(system) @ ca.hessian(potential_of(system), system.q)[0]
+        a = inverse_mass(system) @ ca.hessian(potential_of(system), system.q)[0]
         return root_of(ca.sum1(ca.vec(a * a.T)), system)
     found, of_distance = ca.SX(0), _like_distances(system, terms)
     powers = _powers(system, [x for x, like in zip(terms, of_distance, strict=True) if like])
     for term, like in zip(terms, of_distance, strict=True):
         found += _of_distance(system, term, *next(powers)) if like else _of_form(system, term)
     return found
-
-
-@per_system
-def potential_terms(system: System) -> list[Term] | None:
-    """The terms of the potential; None where one of them is no function of one form."""
-    try:
-        potential = ca.densify(potential_of(system))
-        operations = operations_of(ca.Function("V", [system.q, system.c], [potential]))
-    except VarintError:
-        return None
-    nodes, inverse = operations.nodes, _inverse(system)
-    graph = _Graph(system, nodes, values_of(nodes, [system.q, system.c]), _coordinates(nodes))
-    found = []
-    for factor, root in _terms(graph, operations.outputs[0].nodes[0]):
-        term = _term(graph, root, inverse, factor)
-        if term is None:
-            return None
-        found.append(term)
-    return found
-
-
-def potential_of(system: System) -> ca.SX:
-    """−V: what the Lagrangian is at rest."""
-    return ca.substitute(system.lagrangian, system.v, ca.SX.zeros(system.structure.n))
-
-
-def _inverse(system: System) -> ca.SX:
-    return mass_solve(system.mass_matrix, ca.SX.eye(system.structure.n))
 
 
 def root_of(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
@@ -141,131 +125,6 @@ def root_of(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
     least = (FLAT * SLOWEST_RATE) ** (2 * power)
     found = ca.sqrt(fourth + least)
     return found if power == 2 else ca.sqrt(found)
-
-
-def _coordinates(nodes: list[tuple]) -> list[int]:
-    """A bit for each coordinate that a node depends on."""
-    found: list[int] = []
-    for name, *operands in nodes:
-        if name == "input":
-            found.append(1 << operands[1] if operands[0] == 0 else 0)
-        else:
-            found.append(0 if name == "const" else reduce(or_, (found[i] for i in operands)))
-    return found
-
-
-def _terms(graph: _Graph, root: int) -> list[tuple[ca.SX, int]]:
-    """Terms that add up to a node, each with a factor free of q; no sign matters."""
-    found, open_nodes, moving = [], [(ca.SX(1), root)], graph.used
-    while open_nodes:
-        factor, i = open_nodes.pop()
-        if not moving[i]:
-            continue
-        name, *operands = graph.nodes[i]
-        if name in ("add", "sub"):
-            a, b = operands
-            open_nodes += [(factor, a), (factor, b)]
-        elif name in ("neg", "assign"):
-            open_nodes.append((factor, operands[0]))
-        elif name == "twice":
-            open_nodes.append((2 * factor, operands[0]))
-        elif name == "mul" and not all(moving[j] for j in operands):
-            a, b = sorted(operands, key=lambda j: bool(moving[j]))
-            open_nodes.append((factor * graph.expressions[a], b))
-        elif name == "div" and not moving[operands[1]]:
-            open_nodes.append((factor / graph.expressions[operands[1]], operands[0]))
-        else:
-            found.append((factor, i))
-    return found[::-1]
-
-
-def _forms(graph: _Graph, root: int) -> list[int]:
-    """Nodes through which all of q enters a term, the innermost first."""
-    found: list[int] = []
-    front = {root}
-    while front:
-        if len(front) == 1:
-            found += front
-        i = max(front)
-        front.remove(i)
-        name, *operands = graph.nodes[i]
-        if name == "input":
-            break
-        front |= {j for j in operands if graph.used[j]}
-    return found[::-1]
-
-
-def _in_form(graph: _Graph, root: int, form: int, s: ca.SX) -> ca.SX:
-    """A term with a symbol in place of the form through which q enters."""
-    known: dict[int, ca.SX] = {form: s}
-    inside = {root}
-    open_nodes = [root]
-    while open_nodes:
-        for j in graph.nodes[open_nodes.pop()][1:]:
-            if j == form or j in inside:
-                continue
-            if not graph.used[j]:
-                known[j] = graph.expressions[j]
-                continue
-            inside.add(j)
-            open_nodes.append(j)
-    if root == form:
-        return s
-    order = [*known, *sorted(inside)]
-    place = {j: k for k, j in enumerate(order)}
-    nodes: list[tuple] = [("input", 0, k) for k in range(len(known))]
-    for j in sorted(inside):
-        name, *operands = graph.nodes[j]
-        nodes.append((name, *(place[i] for i in operands)))
-    return values_of(nodes, [ca.vertcat(*known.values())])[place[root]]
-
-
-class Term(NamedTuple):
-    """V(s) of a linear or quadratic form s: the term and the form as expressions, which operation
-    the form is, the factor of the term, a symbol s and in it V, V', V''; |∇s|², tr a² and tr a of
-    a = M⁻¹ ∂²s/∂q², a ∇s·M⁻¹∇s, and whether the form is linear.
-    """
-
-    term: ca.SX
-    form: ca.SX
-    operation: int
-    factor: ca.SX
-    s: ca.SX
-    value: ca.SX
-    first: ca.SX
-    second: ca.SX
-    speed: ca.SX
-    size: ca.SX
-    trace: ca.SX
-    gap: ca.SX
-    linear: bool
-
-    def at_form(self, x: ca.SX) -> ca.SX:
-        return ca.substitute(x, self.s, self.form)
-
-
-def _term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> Term | None:
-    """What the rate of a term is made of; None where it is a function of no single form."""
-    system = graph.system
-    for i in _forms(graph, root):
-        form = graph.expressions[i]
-        used = [j for j in range(system.q.numel()) if graph.used[i] >> j & 1]
-        q = system.q[used]
-        curvature, slope = ca.hessian(form, q)
-        if not ca.depends_on(curvature, q):
-            break
-    else:
-        return None
-    s, inverse = ca.SX.sym("s"), inverse[used, used]
-    value = factor * _in_form(graph, root, i, s)
-    first = ca.gradient(value, s)
-    second = ca.gradient(first, s)
-    ahead = inverse @ slope
-    speed = ca.dot(slope, ahead)
-    a = inverse @ curvature
-    size, trace = ca.sum1(ca.vec(a * a.T)), ca.trace(a)
-    about = size, trace, ca.dot(slope, a @ inverse @ slope), curvature.is_zero()
-    return Term(graph.expressions[root], form, i, factor, s, value, first, second, speed, *about)
 
 
 def _of_form(system: System, x: Term) -> ca.SX:
@@ -292,8 +151,10 @@ def _of_distance(system: System, x: Term, rank: int, power: float | None) -> ca.
 
 
 def _parameters(system: System, random: Random) -> np.ndarray:
-    """Values near the defaults: what holds for these by chance alone does not count."""
-    c = np.asarray(system.default_vector)
+    """Values of the constants near the defaults, and some time: what holds for these by chance
+    alone does not count.
+    """
+    c = np.append(system.default_vector, [0.0] * (not system.structure.autonomous))
     return np.where(c == 0, 1.0, c) * uniform_numbers(random, 0.8, 1.25, len(c))
 
 
@@ -302,13 +163,14 @@ def _powers(system: System, terms: list[Term]) -> Iterator[tuple[int, float | No
     if not terms:
         return
     ranks = ca.vertcat(*(x.trace**2 / x.size for x in terms))
-    found = ca.Function("ranks", [system.c], [ranks])(_parameters(system, Random(2)))
+    constants = constants_of(system)
+    found = ca.Function("ranks", [constants], [ranks])(_parameters(system, Random(2)))
     # the factor of a term drops out
     s, ratios = ca.SX.sym("s"), list[ca.SX]()
     for x in terms:
         both = ca.vertcat(1 + x.s * x.second / x.first, x.s * x.first / x.value)
         ratios.append(ca.substitute(both, x.s, s))
-    f = ca.Function("ratios", [s, system.c], [ca.horzcat(*ratios)])
+    f = ca.Function("ratios", [s, constants], [ca.horzcat(*ratios)])
     random = Random(3)
     places = uniform_numbers(random, 0.5, 2.0, PLACES)
     tried = np.array([f(y, _parameters(system, random)).full() for y in places])
@@ -340,7 +202,8 @@ def _like_distances(system: System, terms: list[Term]) -> list[bool]:
         return [False] * len(terms)
     speeds = ca.vertcat(*(x.speed for x in quadratic))
     wanted = ca.vertcat(*(2 * (x.size / x.trace) * x.form for x in quadratic))
-    f = ca.Function("parts", [system.q, system.c], [ca.densify(speeds), ca.densify(wanted)])
+    results = [ca.densify(speeds), ca.densify(wanted)]
+    f = ca.Function("parts", [system.q, constants_of(system)], results)
     random, alike = Random(4), np.ones(len(quadratic), dtype=bool)
     for _ in range(PLACES):
         q = normal_numbers(random, system.structure.n)

@@ -40,11 +40,11 @@ from varint.integration.time_transformation.physical_time import at_times
 from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import (
     FLIGHT,
-    TransformedScene,
     own_scale,
     rate_of,
     transformed_scene,
 )
+from varint.integration.time_transformation.transformed_scene import TransformedScene
 from varint.integration.trajectories import stats_of
 from varint.numerics.arrays import call, hand_over
 from varint.numerics.limits import check_steps
@@ -168,7 +168,7 @@ def physical_motion(
     besides how long that took; the one there, and what this one has besides coordinates and
     momenta, are made when they are asked for.
     """
-    q, p = physical_states(how[2])
+    q, p = physical_states(how[2], system.structure.n)
     known = {
         "system": system,
         "rule": called.plan.rule,
@@ -270,7 +270,9 @@ def begin_start(
     """From the start in its room, with one of the scene's own time scales or another one."""
     room, begun.known, begun.run = begun.room, (), None
     if word:
-        pilot = rate_pilot(system, room.q, room.v, c, total, total < 0, word == FLIGHT)
+        pilot = rate_pilot(
+            system, room.q, room.v, float(room.t[0]), c, total, total < 0, word == FLIGHT
+        )
         begun.slowest[0] = slowest_rate(pilot, total)
     begun.begin()
     begun.constants = begun.inner.copy()
@@ -294,9 +296,9 @@ def with_other_digits_of(other: BegunStart, system: System, begun: BegunStart, w
 
 
 def start_of(system: System, scene: TransformedScene) -> BegunStart:
-    n, many = system.structure.n, system.c.numel()
+    n, moving = system.structure.n, scene.system
     room, slowest = room_of(system, False), np.zeros(1)
-    x, inner = np.zeros(2 * n + 2), np.zeros(many + 3)
+    x, inner = np.zeros(2 * moving.structure.n), np.zeros(moving.c.numel())
     buffer, trigger = _start_function(system, scene).buffer()
     inputs = room.q, room.v, room.values[:n], room.t, room.c, slowest
     hand_over(buffer, inputs, (x, inner))
@@ -308,9 +310,13 @@ def start_of(system: System, scene: TransformedScene) -> BegunStart:
 
 @per_system
 def _start_function(system: System, scene: TransformedScene) -> ca.Function:
-    """(q, v, p, t, c, slowest rate) → (q, 0, p, σ) and (c, slowest rate, E0, σ)."""
+    """(q, v, p, t, c, slowest rate) → (q, 0, p, σ) and (c, slowest rate, E0, σ); where the energy
+    is kept account of, (q, 0, 0, p, σ, −E0) and (c, t, slowest rate, E0, σ).
+    """
     s, p, slowest = system, ca.SX.sym("p", system.structure.n), ca.SX.sym("slowest rate")
     energy, scale = scene.energy(s.q, s.v, s.t, s.c, slowest)
-    x, inner = ca.vertcat(s.q, 0, p, scale), ca.vertcat(s.c, slowest, energy, scale)
+    beside, begin = ([scale, -energy], [s.t]) if scene.accounts else ([scale], [])
+    x = ca.vertcat(s.q, ca.SX.zeros(len(beside)), p, *beside)
+    inner = ca.vertcat(s.c, *begin, slowest, energy, scale)
     inputs = [s.q, s.v, p, s.t, s.c, slowest]
     return ca.Function("fictitious_start", inputs, [ca.densify(x), ca.densify(inner)])

@@ -15,7 +15,7 @@ from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import blocks_of
 from varint.integration.state import NodeBlock
 from varint.integration.time_transformation.physical_time import LOCATED, end_at
-from varint.integration.time_transformation.time_scale import TransformedScene
+from varint.integration.time_transformation.transformed_scene import TransformedScene, level_of
 from varint.integration.trajectories import Run, first_node, moving_system, trajectory_of
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
@@ -188,14 +188,14 @@ def lost_level(scene: TransformedScene, moving: System, nodes: Nodes, c: np.ndar
     t, q, p = nodes.t, nodes.q, nodes.p
     if len(t) < 2:
         return None
-    n = q.shape[1] - 1
-    passed = q[1:, n] - q[:-1, n]
+    clock = q[:, -1]
+    passed = clock[1:] - clock[:-1]
     pace = passed / (t[1:] - t[:-1])
     slowest = int(pace.argmin())
     if not pace[slowest] > 0:
         return Lost(
             slowest,
-            f"time does not go on after t = {q[slowest, n]:g}: time_scale must stay positive, and "
+            f"time does not go on after t = {clock[slowest]:g}: time_scale must stay positive, and "
             "h small enough for the motion where time_scale is large; take a smaller h",
             math.inf,
         )
@@ -204,11 +204,11 @@ def lost_level(scene: TransformedScene, moving: System, nodes: Nodes, c: np.ndar
     here = float(sizes.max())  # at most the largest one on the way
     if not np.abs(energies - start).max() <= OFF_LEVEL * here:
         here = float(over_columns(_level_function(moving, scene), q, p, c)[1].max())
-    for energy, clock in zip(energies[:, 0].tolist(), q[two, n].tolist(), strict=True):
+    for energy, time in zip(energies[:, 0].tolist(), clock[two].tolist(), strict=True):
         if not abs(energy - start) <= OFF_LEVEL * here:
             return Lost(
                 slowest,
-                f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: "
+                f"the energy is {energy:g} at t = {time:g} and was {start:g} at the start: "
                 "time_scale comes too close to zero there, or h is too large; choose another "
                 "time_scale or a smaller h",
                 abs(energy - start) / here,
@@ -224,14 +224,11 @@ def _lost(why: str, before: Trajectory, residual: float) -> ConvergenceError:
 
 @per_system
 def _level_function(moving: System, scene: TransformedScene) -> ca.Function:
-    """(q, p, c) of the rescaled scene that moves → energy of the original one, and its |p·dq/dt|:
-    the size that errors of the energy are measured by.
+    """(q, p, c) of the rescaled scene that moves → what is E0 all along, and its |p·dq/dt|: the
+    size that errors of the energy are measured by.
     """
-    n, velocity = moving.structure.n - 1, velocity_function(moving)
+    n, velocity = moving.structure.n, velocity_function(moving)
     q, p, c = (
-        ca.MX.sym(name, size)
-        for name, size in zip("qpc", (n + 1, n + 1, moving.c.numel()), strict=True)
+        ca.MX.sym(name, size) for name, size in zip("qpc", (n, n, moving.c.numel()), strict=True)
     )
-    v, t = velocity(q, p, 0, c), ca.DM.zeros(1)
-    energy, _ = scene.energy(q[:n], v[:n] / v[n], t, c[:-3], c[-3])
-    return ca.Function("level", [q, p, c], [energy, ca.fabs(ca.dot(p[:n], v[:n]) / v[n])])
+    return ca.Function("level", [q, p, c], list(level_of(scene, q, p, velocity(q, p, 0, c), c)))

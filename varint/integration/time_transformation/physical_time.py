@@ -35,10 +35,10 @@ def in_physical_time(system: System, t0: float, inner: Trajectory) -> Trajectory
     own.update(known if known.keys() <= _KEPT else {x: known[x] for x in known if x in _KEPT})
     own.update(
         system=system,
-        t=t0 + q[:, n],
+        t=t0 + q[:, -1],
         q=q[:, :n],
         p=inner.p[:, :n],
-        c=inner.c[:-3],  # without slowest rate, E0 and σ0
+        c=inner.c[: system.c.numel()],  # without slowest rate, E0 and σ0
         functions=steps_again(inner.rule),
         events=(),
         fictitious=inner,

@@ -92,4 +92,4 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
     seconds = perf_counter() - began
     own, (_, t) = c[: system.c.numel()], physical_times(found)
     motion = partial(physical_motion, system, called, scene.system, own, (h, c, found, seconds))
-    return PhysicalRun(t, *physical_states(found), motion)
+    return PhysicalRun(t, *physical_states(found, system.structure.n), motion)

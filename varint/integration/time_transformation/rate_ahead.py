@@ -65,13 +65,13 @@ NOTHING = Ahead(None, 0.0)
 
 
 def seen_along(
-    system: System, start: np.ndarray, c: np.ndarray, total: float, which: int
+    system: System, start: np.ndarray, t0: float, c: np.ndarray, total: float, which: int
 ) -> RatePilot | None:
     """A look ahead at one of `kinds_of`, which varies along a run that went astray; None where it
     is not to be followed.
     """
     n, flight = len(start) // 2, kinds_of(system)[which]
-    found = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
+    found = rate_pilot(system, start[:n], start[n:], t0, c, total, total < 0, flight)
     return None if found is None or _vanishes(system, found.mean, found.largest) else found
 
 
@@ -80,13 +80,13 @@ def _vanishes(system: System, mean: float, largest: float) -> bool:
     return largest >= VANISHES * mean and bool(local_rate(system).reason)
 
 
-def seen_ahead(system: System, start: np.ndarray, c: np.ndarray, total: float) -> Ahead:
+def seen_ahead(system: System, start: np.ndarray, t0: float, c: np.ndarray, total: float) -> Ahead:
     """What is seen of a motion from coordinates and velocities. The last ones are remembered."""
-    known, key = _seen(system), (start.tobytes(), c.tobytes(), total)
+    known, key = _seen(system), (start.tobytes(), t0, c.tobytes(), total)
     try:
         return known[key]
     except KeyError:
-        found = _looked_at(system, start, c, total)
+        found = _looked_at(system, start, t0, c, total)
     if len(known) >= REMEMBERED:
         known.clear()
     known[key] = found
@@ -99,12 +99,13 @@ def _seen(system: System) -> dict[tuple, Ahead]:
     return {}
 
 
-def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -> Ahead:
+def _looked_at(system: System, start: np.ndarray, t0: float, c: np.ndarray, total: float) -> Ahead:
     n, frequency, grows = len(start) // 2, 0.0, False
+    begin = start[:n], start[n:], t0, c, total
     for flight in kinds_of(system):
         if flight and not comes_from_afar(system, start, c):
             continue
-        seen = glance(system, start, c, total, flight)
+        seen = glance(system, *begin, flight)
         if seen is None:
             continue
         mean, largest, duration, first = seen
@@ -116,7 +117,7 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
             which = IN_FIELD if local_rate(system).reason else IN_FLIGHT
             least = which[duration >= abs(total)]
         if largest >= least * mean:
-            return Ahead(rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight), 0.0)
+            return Ahead(rate_pilot(system, *begin, total < 0, flight), 0.0)
         if not frequency and duration <= BEYOND * abs(total):
             frequency = (FLYING if flight else 1.0) * largest
             grows = flight or largest > FASTER * first

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.look_ahead import Look, look_ahead, look_of
-from varint.discrete.legendre import mass_solve
+from varint.integration.time_transformation.equations_ahead import ahead_from, equations_ahead
 from varint.integration.time_transformation.flight_rate import TWICE_KINETIC, flight_rate
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.numerics.arrays import call, over_columns
@@ -45,6 +45,7 @@ def rate_pilot(
     system: System,
     q: np.ndarray,
     v: np.ndarray,
+    t0: float,
     c: np.ndarray,
     total: float | None,
     backwards: bool = False,
@@ -54,7 +55,7 @@ def rate_pilot(
     duration; None where nothing pulls at the start, or all goes astray at once. The last ones are
     remembered.
     """
-    known = _seen(system)
+    known, (q, v) = _seen(system), ahead_from(system, q, v, t0)
     key = (q.tobytes(), v.tobytes(), c.tobytes(), total, backwards, flight)
     if key not in known:
         if len(known) >= REMEMBERED:
@@ -135,23 +136,28 @@ def _without_core(
 def rate_varies(system: System, motion: Trajectory, factor: float, flight: bool) -> bool:
     """Whether the largest ω at nodes of a run is so many times the mean one."""
     some = np.unique(np.linspace(0, len(motion) - 1, LOOKS).astype(int))
-    at = np.concatenate((motion.q[some], motion.v[some]), axis=1)
+    ahead = ahead_from(system, motion.q[some], motion.v[some], motion.t[some])
+    at = np.concatenate(ahead, axis=1)
     rates = over_columns(_rate_function(system, flight), at, motion.c)[0]
     rates = rates[np.isfinite(rates)]
     return bool(rates.size and rates.max() >= factor * rates.mean())
 
 
 def glance(
-    system: System, start: np.ndarray, c: np.ndarray, total: float, flight: bool
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    t0: float,
+    c: np.ndarray,
+    total: float,
+    flight: bool,
 ) -> tuple[float, float, float, float] | None:
-    """What `rate_pilot` sees from the coordinates and velocities `start`, with all digits, in less
-    time.
-    """
+    """What `rate_pilot` sees, with all digits, in less time."""
     look = look_by(system, flight)
     if look is not None:
+        start = np.concatenate(ahead_from(system, q, v, t0))
         return _by_core(look, start, c, abs(total), total < 0)
-    n = len(start) // 2
-    seen = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
+    seen = rate_pilot(system, q, v, t0, c, total, total < 0, flight)
     return None if seen is None else seen[:4]
 
 
@@ -179,15 +185,16 @@ def _both_rates(system: System) -> ca.Function:
 def look_by(system: System, flight: bool) -> Look | None:
     """The pilot's operations as data."""
     inputs, (after, *each) = _step(system, flight)
-    at = ca.vertcat(system.q, system.v)
-    rate = at, rate_of_kind(system, flight)
-    return look_of(system.structure.n, rate, (inputs, [after, ca.vertcat(*each)]), system.c)
+    q, v, _, _ = equations_ahead(system)
+    rate = ca.vertcat(q, v), rate_of_kind(system, flight)
+    return look_of(q.numel(), rate, (inputs, [after, ca.vertcat(*each)]), system.c)
 
 
 @per_system
 def _rate_function(system: System, flight: bool) -> ca.Function:
     """(q, v), c → ω."""
-    at = ca.vertcat(system.q, system.v)
+    q, v, _, _ = equations_ahead(system)
+    at = ca.vertcat(q, v)
     return ca.Function("rate", [at, system.c], [rate_of_kind(system, flight)], {"cse": True})
 
 
@@ -204,7 +211,7 @@ def rate_of_kind(system: System, flight: bool) -> ca.SX:
 @per_system
 def _look_ahead(system: System, flight: bool) -> ca.Function:
     """(q, v, dt, c, sign) → steps dt, the rates ω after each, energy and p·v before each."""
-    n, c = system.structure.n, system.c
+    n, c = equations_ahead(system).q.numel(), system.c
     (before, sign), found = _step(system, flight)
     step = ca.Function("step", [before, c, sign], found, {"cse": True})
     y, c, sign = ca.MX.sym("y", 2 * n + 1), ca.MX.sym("c", c.numel()), ca.MX.sym("sign")
@@ -218,20 +225,19 @@ def _look_ahead(system: System, flight: bool) -> ca.Function:
 def _step(system: System, flight: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     """((q, v, dt), sign) → ((q, v, dt) after it, dt, ω there, energy and p·v before)."""
     s = system
-    q, v, c = s.q, s.v, s.c
+    (q, v, slopes, energy), c = equations_ahead(system), system.c
     dt, sign = ca.SX.sym("dt"), ca.SX.sym("sign")
-    push = ca.gradient(s.lagrangian, q) - ca.jtimes(s.momentum, q, v)
-    slope = ca.Function("slope", [q, v, c], [mass_solve(s.mass_matrix, push)])
+    slope = ca.Function("slope", [q, v, c], list(slopes))
     rate = ca.Function("rate", [q, v, c], [rate_of_kind(s, flight)])
     h = sign * dt
-    ways = [(v, slope(q, v, c))]  # the classical Runge–Kutta method
+    ways = [slope(q, v, c)]  # the classical Runge–Kutta method
     for part in (0.5, 0.5, 1.0):
         dq, dv = ways[-1]
-        ways.append((v + part * h * dv, slope(q + part * h * dq, v + part * h * dv, c)))
+        ways.append(slope(q + part * h * dq, v + part * h * dv, c))
     new_q, new_v = (
         x + h / 6 * (a + 2 * b + 2 * d + e)
         for x, (a, b, d, e) in zip((q, v), zip(*ways, strict=True), strict=True)
     )
     omega = rate(new_q, new_v, c)
     after = ca.vertcat(new_q, new_v, ca.fmin(ANGLE / omega, GROWTH * dt))
-    return [ca.vertcat(q, v, dt), sign], [after, dt, omega, s.energy, ca.dot(s.momentum, v)]
+    return [ca.vertcat(q, v, dt), sign], [after, dt, omega, energy, ca.dot(s.momentum, s.v)]

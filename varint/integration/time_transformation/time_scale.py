@@ -1,58 +1,28 @@
-"""Structure-preserving variable steps: fixed steps in a fictitious time τ with dt = σ(q) dτ.
-
-The Lagrangian ``L̂(q, q') = σ(q) (L(q, q'/σ) + E0)`` has the same paths on the energy level E0 and
-the same momenta (Sundman; Hairer, Lubich & Wanner, Geometric Numerical Integration, VIII.2: the
-Poincaré transform σ (H − E0)). The physical time is one more coordinate, with ``½ (t' − σ)² + σ0
-t'`` added to L̂: its momentum t' − σ + σ0 is conserved and starts as σ0, so t' = σ and the other
-equations do not notice. The result is an ordinary `System`: every rule and stepper applies.
+"""Structure-preserving variable steps: fixed steps in a fictitious time τ with dt = σ dτ, by a
+time scale of the user's or the scene's own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
 from varint.errors import InputError
 from varint.integration.time_transformation.flight_rate import (
-    INITIAL_ENERGY,
     TWICE_KINETIC,
     flight_rate,
     kinetic_at,
 )
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, LocalRate, local_rate
+from varint.integration.time_transformation.transformed_scene import TransformedScene, in_time_scale
 from varint.scene.expressions import in_own_symbols
 from varint.scene.memory import per_system
-from varint.scene.parameters import Parameters
-from varint.scene.system import System, coordinates
+from varint.scene.system import System
 
-# names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a
-# momentum to compare with
-TIME, SLOWEST = "physical time", SLOWEST_RATE.name()
-ENERGY, START = "initial energy", "initial time scale"
 AUTO = "auto"  # the time scale that the scene itself has
 FLIGHT = "auto, in flight"  # the one that it has where its motion comes from afar
 MOST_SCALES = 32  # rescaled scenes remembered for one system
-
-
-@dataclass(frozen=True, eq=False)
-class TransformedScene:
-    """A scene in fictitious time: coordinates (q, t), parameters (c, slowest rate, E0, σ0).
-
-    Attributes
-    ----------
-    system : System
-    translate : callable
-        Expression of q, v, t, c of the original scene → the same in symbols of the rescaled one.
-    energy : Function
-        (q, v, t, c, slowest rate) → energy E0, and σ.
-    """
-
-    system: System
-    translate: Callable[[ca.SX], ca.SX]
-    energy: ca.Function
 
 
 def close_encounters(distances: Any, power: float = 1.5) -> ca.SX:
@@ -157,32 +127,34 @@ def _natural(system: System, word: str) -> TransformedScene:
     if word not in (AUTO, FLIGHT):
         raise InputError(f"time_scale must be an SX expression of q or {AUTO!r}, got {word!r}")
     _require_energy(system)
-    return _built(system, natural_time_scale(system, word))
+    return in_time_scale(system, natural_time_scale(system, word))
 
 
 def _by_meaning(system: System, sigma: ca.SX) -> TransformedScene:
     known = system.__dict__.setdefault("_rescaled_by_meaning", {})
-    key = ca.Function("sigma", [system.q, system.c], [sigma]).serialize()
+    key = ca.Function("sigma", [system.q, system.t, system.c], [sigma]).serialize()
     if key not in known:
         if len(known) >= MOST_SCALES:
             known.clear()
-        known[key] = _built(system, sigma)
+        known[key] = in_time_scale(system, sigma)
     return known[key]
 
 
 def _require_energy(system: System) -> None:
+    """What changes the energy must be known: forces and explicit time, no more."""
     s = system.structure
+    moved = not s.autonomous and bool(s.constraints or s.nonholonomic)
     reasons = {
-        "the scene depends on time explicitly": not s.autonomous,
-        "forces change the energy": s.forced,
         "contacts interrupt the motion": bool(s.contacts),
         "the Lagrangian is degenerate": s.degenerate,
+        "controls act from outside": bool(s.controls),
+        "constraints beside explicit time may do work": moved,
     }
     for reason, holds in reasons.items():
         if holds:
             raise InputError(
-                f"time_scale needs the energy of the start all along, but {reason}; leave "
-                "time_scale out and choose a smaller h"
+                f"time_scale needs the energy all along, but {reason}; leave time_scale out and "
+                "choose a smaller h"
             )
 
 
@@ -194,36 +166,13 @@ def _check_scale(system: System, sigma: Any) -> ca.SX:
             "time_scale must be a scalar expression of q and the parameters, it has shape "
             f"{sigma.shape}"
         )
-    strange = [
-        x.name() for x in ca.symvar(ca.vertcat(system.v, system.t)) if ca.depends_on(sigma, x)
-    ]
+    others = system.v if not system.structure.autonomous else ca.vertcat(system.v, system.t)
+    strange = [x.name() for x in ca.symvar(others) if ca.depends_on(sigma, x)]
     if strange:
-        raise InputError(f"time_scale may depend on q and the parameters alone, not on {strange}")
+        own = (
+            "q and the parameters alone"
+            if others.numel() > system.v.numel()
+            else "q, t and the parameters"
+        )
+        raise InputError(f"time_scale may depend on {own}, not on {strange}")
     return sigma
-
-
-def _built(system: System, sigma: ca.SX) -> TransformedScene:
-    params = Parameters(**system.defaults, **{SLOWEST: 0.0, ENERGY: 0.0, START: 1.0})
-    q, v = coordinates(*system.names, TIME)
-    n = system.q.numel()
-    symbols = [system.q, system.c, SLOWEST_RATE, INITIAL_ENERGY]
-    constants = (ca.vec(getattr(params, name)) for name in system.defaults)
-    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants)]
-    own += [getattr(params, SLOWEST), getattr(params, ENERGY)]
-    (scale,) = ca.substitute([sigma], symbols, own)
-    before, after = [*symbols, system.v, system.t], [*own, v[:n] / scale, q[n]]
-
-    def translate(expression: ca.SX) -> ca.SX:
-        return ca.substitute([expression], before, after)[0]
-
-    clock = (v[n] - scale) ** 2 / 2 + getattr(params, START) * v[n]
-    lagrangian = scale * (translate(system.lagrangian) + getattr(params, ENERGY)) + clock
-    rows = translate(system.nonholonomic)
-    rows = ca.horzcat(rows, ca.SX(rows.shape[0], 1))
-    new = System(
-        q, v, lagrangian, constraint=translate(system.constraint), nonholonomic=rows, params=params
-    )
-    inputs = [system.q, system.v, system.t, system.c, SLOWEST_RATE]
-    (scale,) = ca.substitute([sigma], [INITIAL_ENERGY], [system.energy])
-    energy = ca.Function("start_energy", inputs, [system.energy, scale])
-    return TransformedScene(new, translate, energy)

@@ -47,11 +47,11 @@ from varint.integration.time_transformation.rate_pilot import RatePilot, rate_pi
 from varint.integration.time_transformation.time_scale import (
     AUTO,
     FLIGHT,
-    TransformedScene,
     own_scale,
     rate_of,
     transformed_scene,
 )
+from varint.integration.time_transformation.transformed_scene import TransformedScene
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
@@ -135,7 +135,8 @@ def prepare(
     if isinstance(sigma, str):
         v = start_velocity(system, problem, start.v0)
         flies = sigma == FLIGHT
-        pilot = rate_pilot(system, problem.q0, v, problem.c, total, problem.h < 0, flies)
+        begin = problem.q0, v, problem.t0, problem.c
+        pilot = rate_pilot(system, *begin, total, problem.h < 0, flies)
         rate = slowest_rate(pilot, total)
     inner = in_fictitious_time(system, scene, problem, start.v0, rate, total)
     return Prepared(system, scene, chosen, inner, problem.t0, total, stop, watches, options, pilot)
@@ -146,7 +147,7 @@ def with_other_digits_at_start(prepared: Prepared, way: int) -> Prepared:
     system, scene, inner = prepared.system, prepared.scene, prepared.problem
     n = system.structure.n
     q0, p0 = with_other_digits(inner.q0[:n], inner.p0[:n], way)
-    own = inner._replace(q0=q0, p0=p0, t0=prepared.t0, c=inner.c[:-3])
+    own = inner._replace(q0=q0, p0=p0, t0=prepared.t0, c=inner.c[: system.c.numel()])
     slowest = float(inner.c[-3])
     problem = in_fictitious_time(system, scene, own, None, slowest, prepared.total)
     return prepared._replace(problem=problem)
@@ -210,5 +211,5 @@ def _inside(system: System, scene: TransformedScene, t0: float, wanted: Any, wha
     expression, *direction = wanted if isinstance(wanted, tuple) else (wanted,)
     found = scene.translate(in_own_symbols(expression, system, what))
     clock = scene.system.q[-1]
-    found = ca.substitute(found, clock, clock + t0) if t0 else found
+    found = ca.substitute(found, clock, clock + t0) if t0 and not scene.accounts else found
     return (found, *direction) if direction else found

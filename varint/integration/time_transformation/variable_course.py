@@ -86,14 +86,14 @@ def choose_varying_steps(
     """
     if not _possible(system, rule, options) or problem.steps > 1:
         return None
-    total, v = problem.h, start_velocity(system, problem, start.v0)
+    total, v, t0, c = problem.h, start_velocity(system, problem, start.v0), problem.t0, problem.c
     if astray is None:
-        pilot = seen_ahead(system, np.concatenate((problem.q0, v)), problem.c, total).pilot
+        pilot = seen_ahead(system, np.concatenate((problem.q0, v)), t0, c, total).pilot
     elif isinstance(astray, int):
-        pilot = seen_along(system, np.concatenate((problem.q0, v)), problem.c, total, astray)
+        pilot = seen_along(system, np.concatenate((problem.q0, v)), t0, c, total, astray)
     else:
         kinds = (x for x in kinds_of(system) if rate_varies(system, astray, WORTH, x))
-        looks = (rate_pilot(system, problem.q0, v, problem.c, total, total < 0, x) for x in kinds)
+        looks = (rate_pilot(system, problem.q0, v, t0, c, total, total < 0, x) for x in kinds)
         pilot = next((look for look in looks if look is not None), None)
     if pilot is None:
         return None
@@ -122,7 +122,7 @@ def frequency_ahead(
     if problem.steps > 1 or not may_vary(system, rule):
         return 0.0
     at = np.concatenate((problem.q0, start_velocity(system, problem, start.v0)))
-    return seen_ahead(system, at, problem.c, problem.h).frequency
+    return seen_ahead(system, at, problem.t0, problem.c, problem.h).frequency
 
 
 @per_scene
