@@ -16,7 +16,6 @@ from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.plan import Plan
 from varint.integration.trajectories import stats_of
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule
 from varint.scene.system import System
 
 if TYPE_CHECKING:
@@ -40,8 +39,10 @@ class Made(NamedTuple):
     n, parts : int
         Numbers of each of so many parts of a node.
     kind : type
-    rule : Rule
+    blank : dict
+        What a motion has, of which the rule is known.
     name : str
+        Of the rule.
     make : callable
         (h, t0, steps, iterations, residual), what is `TOLD`, name → what the motion has of it.
     now, array, number : callable, type, dtype
@@ -54,7 +55,7 @@ class Made(NamedTuple):
     n: int
     parts: int
     kind: type
-    rule: Rule
+    blank: dict[str, Any]
     name: str
     make: Callable[..., Any]
     now: Callable[[], float]
@@ -65,10 +66,12 @@ class Made(NamedTuple):
 def made_of(course: Course, chosen: Plan) -> Made:
     """By a course, of a plan."""
     entry = cast(course.entry, c_void_p).value or 0  # type: ignore[arg-type]
-    rule, make = chosen.rule, partial(_made, chosen, course.kernel)
+    make = partial(_made, chosen, course.kernel)
     numbers = course.head, course.n, course.parts
+    parts = ("q", "p", "v")[: course.parts]
+    blank = dict.fromkeys(("system", "h", "c", "origin", "_make", *parts)) | {"rule": chosen.rule}
     tools = perf_counter, np.ndarray, np.dtype(float)
-    return Made(course, entry, *numbers, Trajectory, rule, rule.name, make, *tools)
+    return Made(course, entry, *numbers, Trajectory, blank, chosen.rule.name, make, *tools)
 
 
 @cache
@@ -116,16 +119,8 @@ def even_motion_of(
     """`plain_motion_of` one with a node at each of its equal steps: (q, p) and perhaps v, and what
     is made of its (h, t0, steps, iterations, residual) and of what is `TOLD` when it is asked for.
     """
-    known = {
-        "system": system,
-        "rule": how.rule,
-        "q": nodes[0],
-        "p": nodes[1],
-        "h": grid[0],
-        "c": c,
-        "origin": grid[1],
-        "_make": partial(how.make, grid, told),
-    }
+    known = dict(how.blank, system=system, q=nodes[0], p=nodes[1], h=grid[0], c=c, origin=grid[1])
+    known["_make"] = partial(how.make, grid, told)
     if len(nodes) > 2:
         known["v"] = nodes[2]
     motion = _new(Trajectory)

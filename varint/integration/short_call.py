@@ -19,6 +19,7 @@ from varint.integration.even_motion import Made, even_motion_of, made_of, proved
 from varint.integration.gears import Gears, kernel_after, kernel_now
 from varint.integration.linear_run import is_one_map
 from varint.integration.plain_start import (
+    LARGE,
     Room,
     begin_at,
     begin_by_momentum,
@@ -121,6 +122,8 @@ def is_plainly_asked(rule: Any, t0: Any, duration: Any, tol: float) -> bool:
     """Whether rule, times and tolerance need no closer look."""
     if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
         return False
+    if type(duration) is float and type(t0) is float:  # without calls, whose time counts
+        return 0 < abs(duration) < LARGE and abs(t0) < LARGE
     return bool(is_plain_number(duration) and duration and is_plain_number(t0))
 
 
@@ -221,7 +224,7 @@ def _held(
     if not doubted:
         return motion
     if not shows_its_error(system):
-        seen = looked_at(made.rule, motion, estimate, tol)
+        seen = looked_at(motion.rule, motion, estimate, tol)
         return seen if isinstance(seen, Trajectory) else None
     if (leap := energy_leap(motion, tol)) and (alarm := leap.alarm()):
         warnings.warn(alarm, stacklevel=5)

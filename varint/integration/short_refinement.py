@@ -216,9 +216,8 @@ def by_short_refinement(
         by_steps = max(_left(off, ratio, order, rule.order), rounded)
         by_passages = passed_by(steps / first, off, between, tol)
         estimate = max(between * by_steps, by_passages, floor, iterated)
-        counted = (
-            not solved and math.gcd(before[0], steps) >= SHARED
-        )  # on an order, which may be luck
+        # on an order, which may be luck; else the finer run may err by several times `off`
+        counted = not solved and order > LEAST_ORDER
         if counted and off < NO_DIGITS and estimate <= tol:
             made = made_at_once(before[1], before[0], motion, steps, wanted, off, scales)
             estimate = max(estimate, made)

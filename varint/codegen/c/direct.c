@@ -24,10 +24,10 @@ enum Status { PROVED, DOUBTED = 3 };
 #define LONGEST_COURSE 512 /* bytes */
 
 /* Fields of Made in varint/integration/even_motion.py, and of Places in varint/codegen/two_runs.py */
-enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, RULE, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
+enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
-enum { SYSTEM_NAME, RULE_NAME, Q_NAME, P_NAME, V_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, NAMES };
-static const char *const spelt[NAMES] = {"system", "rule", "q", "p", "v", "h", "c", "origin", "_make", "copy"};
+enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "q", "p", "v", "h", "c", "origin", "_make", "copy"};
 static PyObject *names[NAMES];
 
 #define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)
@@ -110,12 +110,11 @@ static PyObject *maker_of(PyObject *how, const Asked *asked, const Proved *found
 
 static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObject *places, const Asked *asked, const Proved *found,
                            double began) {
-    PyObject *const nodes = nodes_of(how, places, found), *const known = PyDict_New();
+    PyObject *const nodes = nodes_of(how, places, found), *const known = PyDict_Copy(ITEM(how, BLANK));
     const int64_t parts = PyLong_AsLongLong(ITEM(how, PARTS));
     PyTypeObject *const type = (PyTypeObject *)ITEM(how, TYPE);
     PyObject *motion = 0;
-    if (nodes && known && put(known, SYSTEM_NAME, again(system)) && put(known, RULE_NAME, again(ITEM(how, RULE))) &&
-        put(known, Q_NAME, PySequence_GetItem(nodes, 0)) && put(known, P_NAME, PySequence_GetItem(nodes, 1)) &&
+    if (nodes && known && put(known, SYSTEM_NAME, again(system)) && put(known, Q_NAME, PySequence_GetItem(nodes, 0)) && put(known, P_NAME, PySequence_GetItem(nodes, 1)) &&
         (parts < 3 || put(known, V_NAME, PySequence_GetItem(nodes, 2))) &&
         put(known, H_NAME, PyFloat_FromDouble(asked->duration / (double)found->steps)) && put(known, C_NAME, again(c)) &&
         put(known, ORIGIN_NAME, PyFloat_FromDouble(asked->t0)) && put(known, MAKE_NAME, maker_of(how, asked, found, began))) {

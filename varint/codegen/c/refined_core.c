@@ -404,12 +404,12 @@ static void set_times(const Refined *a, const Attempt *run, double *t) {
 static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *scales) {
     const int64_t n = a->n, steps = run->count, all = steps + fine->count + 2, looked = a->timed ? (10 * n + 1) * steps + (8 * n + 3) * a->groups : 0;
     if (a->timed && !(a->push && a->bounds)) return 1;
-    double *const t = malloc((all + (looked > 2 * all ? looked : 2 * all)) * sizeof(double));
+    double few[SHORT], *const t = memory_for(all + (looked > 2 * all ? looked : 2 * all), few, few);
     if (!t) return 1;
     double *const room = t + all;
     set_times(a, run, t), set_times(a, fine, t + steps + 1);
     const int sure = balanced(a, run, fine, parts, t, room) && (!a->timed || shows_at_once(a, run, t, scales, room) || shows_forces(a, run, t, scales, room));
-    free(t);
+    give_up(t, few);
     return !sure;
 }
 
@@ -459,7 +459,9 @@ int refined(const Refined *a) {
             estimate = between * (estimate > rounded ? estimate : rounded);
             estimate = estimate > by_passages ? estimate : by_passages, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
-            if (unit >= (int64_t)l->shared && !(l->repeated > 0) && off < l->no_digits && estimate <= a->tol) {
+            /* else nothing is counted on but that the finer run errs by less than several times their difference */
+            const int counted = order > l->least_order && !(l->repeated > 0);
+            if (counted && off < l->no_digits && estimate <= a->tol) {
                 const double at_once = made_at_once(a, &before, &now, wanted, off, scales);
                 estimate = estimate > at_once ? estimate : at_once;
             }

@@ -7,6 +7,7 @@
 #include "run.h"
 #include "tape.h"
 #include "rows.h"
+#define FEW 256 /* vectors that the stack has room for */
 
 int rows(const RowsArguments *a) {
     const Tape *const tape = a->scene;
@@ -21,7 +22,8 @@ int rows(const RowsArguments *a) {
     }
     for (int i = 0; i < MOST_ARGUMENTS; i++) into[i + 1] += into[i], from[i + 1] += from[i];
     const int64_t numbers = (tape->registers + into[MOST_ARGUMENTS] + from[MOST_ARGUMENTS]) * LANES;
-    V *const w = aligned_alloc(64, (numbers * sizeof(double) + 63) / 64 * 64 + 64);
+    V few[FEW], *const own = numbers <= FEW * LANES ? 0 : aligned_alloc(64, (numbers * sizeof(double) + 63) / 64 * 64 + 64);
+    V *const w = numbers <= FEW * LANES ? few : own;
     if (!w) return NOT_FINITE;
     V *const x = w + tape->registers, *const y = x + into[MOST_ARGUMENTS];
     const V *arguments[MOST_ARGUMENTS];
@@ -46,6 +48,6 @@ int rows(const RowsArguments *a) {
             for (int i = 0; i < many; i++) to[i * width] = lane(found, i);
         }
     }
-    free(w);
+    free(own);
     return DONE;
 }
