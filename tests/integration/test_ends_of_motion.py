@@ -27,6 +27,20 @@ def test_a_fall_into_the_centre_ends_when_it_gets_there():
     assert len(before) > 100 and before.max() < 1e-11
 
 
+def test_a_run_that_leaps_over_the_end_hides_it_from_no_other():
+    """A dumbbell falls into the centre; the sixth of the runs that follow it gets behind that."""
+    q, v = vi.coordinates("r", "phi", "alpha")
+    r, alpha, e = q[0], q[2], 0.01
+    kinetic = (v[0] ** 2 + r**2 * v[1] ** 2 + e * (v[1] + v[2]) ** 2) / 2
+    scene = vi.System(q, v, kinetic + 1 / r + 3 * e / (4 * r**3) * ca.cos(2 * alpha))
+    start = {
+        "q0": [0.4094005441903701, 0.0, 0.44768294812328535],
+        "v0": [0.06983838435352945, 0.7407745241736566, 0.0],
+    }
+    with pytest.raises(vi.ConvergenceError, match=r"ends at t = 0\.281129: .* to \d{6} steps"):
+        vi.simulate(scene, **start, duration=22.44901965086632, tol=7.07701152460853e-05)
+
+
 @pytest.mark.parametrize("friction", [0.1, 0.13])
 def test_dry_friction_that_holds_a_body_is_named_where_steps_do_not_end_at_its_switch(friction):
     """Not in interpreted runs, here beside a contact that is never met."""

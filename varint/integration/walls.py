@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from varint.errors import ConvergenceError
 from varint.scene.system import System
 
-# failures one after the other: by steps that follow the scene, by equal ones, and steps of the last
+# failures at one time: by steps that follow the scene, by equal ones, and steps of the last
 VARYING, EQUAL, FEWEST = 6, 8, 2**18
+STRAY = 2  # among them, which leapt over the end and were lost behind it
 FEWEST_JUMPS = 2**16  # of forces that jump, which fail wherever a step happens to meet the jump
 TOGETHER = 1e-5  # of the duration: failures by steps that follow the scene are at one time
 CLOSE = 4.0  # steps within which equal ones fail there
@@ -39,17 +40,15 @@ def require_way_on(
     ConvergenceError
         With the nodes of the last run, or where a force jumps of the one that came farthest.
     """
-    last = failures[-(VARYING if varying else EQUAL) :]
-    if len(last) < (VARYING if varying else EQUAL):
-        return
-    few, end = last[-1][0], last[-1][1]
+    few, end = failures[-1]
     if not varying and few < (FEWEST_JUMPS if jumps else FEWEST):
         return
-    widths = [abs(total) * (TOGETHER if varying else CLOSE / steps) for steps, _ in last]
-    at_once = all(
-        abs(error.time - end.time) <= width for (_, error), width in zip(last, widths, strict=True)
+    enough = VARYING if varying else EQUAL
+    at_once = sum(
+        abs(error.time - end.time) <= abs(total) * (TOGETHER if varying else CLOSE / steps)
+        for steps, error in failures[-(enough + STRAY) :]
     )
-    if at_once or jumps:
+    if at_once >= enough or (jumps and len(failures) >= enough):
         raise no_way_on(failures, jumps)
 
 
