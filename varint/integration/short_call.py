@@ -100,13 +100,16 @@ def short_call(
         _, _, _, pilot, turned = seen
         runs = 0
         if pilot is None:
-            how = system, known, room, c, t0, duration, tol, turned, began
-            found = _by_the_core(*how, known.rates)
+            rates = known.rates
+            found = _by_the_core(
+                system, known, room, c, t0, duration, tol, turned, began, rates
+            )  # not by a tuple, whose time counts
             if type(found) is not int or found < VARIES:
                 return found
             runs = runs_made(room.places)
             pilot = seen_along(system, begin, t0, c, duration, found - VARIES)
             if pilot is None:
+                how = system, known, room, c, t0, duration, tol, turned, began
                 again = _by_the_core(*how, [NO_RATES])
                 if type(again) is not Trajectory:
                     return again
@@ -176,11 +179,14 @@ def _by_the_core(
         asked = t0, duration, first, radians, tol
         return _held(system, made, room, c, asked, low, rates, began)
     now, prove = perf_counter() if low else 0.0, proved_motion()
-    how = made, room.places, system, c, t0, duration, first, radians, tol
-    found = prove(*how, rates[0], began)
+    at = room.places
+    found = prove(made, at, system, c, t0, duration, first, radians, tol, rates[0], began)
+    if type(found) is Trajectory and not low:
+        return found
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
-        found = prove(*how, rates[0], began)
+        how = t0, duration, first, radians, tol
+        found = prove(made, at, system, c, *how, rates[0], began)
     if low:
         kernel_after(low, perf_counter() - now, 0.0)
     if type(found) is Trajectory:

@@ -61,7 +61,8 @@ TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
 # times as much may iterations leave in a run that no other one came before, which is no answer: the
-# difference to the next one may be some twenty times the wanted error
+# difference to the next one may be some twenty times the wanted error; and in the first steps once
+# more, of which it is less than a thirtieth of that
 COARSER = 30.0
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
@@ -230,7 +231,7 @@ def by_short_refinement(
             estimate = max(estimate, grown)
         if off < NO_DIGITS and estimate <= tol:
             few = before_shared(before[0], steps)
-            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted)
+            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted, coarser=COARSER)
             if fine is None:
                 return None
             estimate = max(

@@ -111,19 +111,22 @@ static double apart_from(const Refined *a, const Attempt *one, int64_t few, cons
                          const double *scales) {
     const int64_t n = a->n;
     double largest = 0, zero = 0;
-    for (int64_t k = 0; few * k <= one->count && many * k <= other->count; k++)
-        for (int64_t d = 0; d < n; d++) {
-            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
-            zero += off * 0, largest = off > largest ? off : largest;
+    for (int64_t d = 0; d < n; d++) {
+        double most = 0;
+        for (int64_t k = 0; few * k <= one->count && many * k <= other->count; k++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]);
+            zero += off * 0, most = off > most ? off : most;
         }
+        most /= scales[d], zero += most * 0, largest = most > largest ? most : largest;
+    }
     return zero == 0 ? largest : zero;
 }
 
 /* How errors of two runs of the whole duration are spread, the `other` one the finer: the least that an early difference lets
    expect in the middle, and how many times larger they are between the nodes that both share. */
 typedef struct { double early, beyond; } Spread;
-static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, const double *scales) {
-    const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit,
+static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, int64_t unit, const double *scales) {
+    const int64_t n = a->n, few = one->steps / unit, many = other->steps / unit,
                   middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
     double most[n], largest = 0, least = INFINITY;
     memset(most, 0, n * sizeof(double));
@@ -230,11 +233,14 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
 static double extent_of(const Refined *a, const Attempt *run, const double *scales) {
     const int64_t n = a->n;
     double size = 1;
-    for (int64_t k = 0; k <= run->count; k++)
-        for (int64_t d = 0; d < n; d++) {
-            const double x = fabs(run->rows[3 * n * k + d]) / scales[d];
-            size = x > size ? x : size;
+    for (int64_t d = 0; d < n; d++) {
+        double most = 0;
+        for (int64_t k = 0; k <= run->count; k++) {
+            const double x = fabs(run->rows[3 * n * k + d]);
+            most = x > most ? x : most;
         }
+        size = most / scales[d] > size ? most / scales[d] : size;
+    }
     return size;
 }
 
@@ -437,7 +443,7 @@ int refined(const Refined *a) {
             stalls = off <= l->stalled * last ? 0 : stalls + 1;
             if (seen != seen || stalls > (int)l->patience) break;
             if (off < l->no_digits) {
-                const Spread spread = spread_of(a, &before, &now, scales);
+                const Spread spread = spread_of(a, &before, &now, unit, scales);
                 const double grown = seen / (l->secular_growth * (spread.early > l->rounded ? spread.early : l->rounded)); /* growth_of */
                 growth = grown > 1 ? grown : 1, between = spread.beyond; /* narrow places that are not resolved look like growth */
             }
@@ -475,7 +481,7 @@ int refined(const Refined *a) {
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
-                if (!try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
+                if (!try_run(a, wanted, parts * steps, parts * few, l->coarser, &before)) goto end; /* no answer either */
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;

@@ -58,7 +58,7 @@ typedef struct {
 static double weighed_speed(const Shared *a, int64_t d, int64_t k) {
     const int64_t low = k - 1, high = k + 1 < a->nodes ? k + 1 : k;
     const double way = fabs(a->q[a->width * high + d] - a->q[a->width * low + d]);
-    if (!a->t) return (double)k * way / (double)(high - low);
+    if (!a->t) return (double)k * way * (high - low > 1 ? 0.5 : 1);
     return fabs(a->t[k] - a->t[0]) * way / fabs(a->t[high] - a->t[low]);
 }
 
