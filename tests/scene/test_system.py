@@ -53,6 +53,7 @@ def refused(message: str):
         (lambda: vi.System(q, v, ca.MX.sym("L")), "Lagrangian is an MX"),
         (lambda: vi.System(q, v, "L"), "must be a CasADi SX expression, got str"),
         (lambda: vi.System(q + 1, v, free), "q must be SX symbols"),
+        (lambda: vi.System(free, q, v), r"q must be SX symbols, got .*System\(q, v, L\)"),
         (
             lambda: vi.System(q, v, free, params=dict(g=1)),
             r"params of a System has the key 'g'; give the symbol itself, \{m: 1.0\}",

@@ -18,7 +18,12 @@ def symbols(what: str, x: Any) -> ca.SX:
             f"{what} is an MX; varint takes SX symbols (coordinates, time, Parameters, ca.SX.sym)"
         )
     if not isinstance(x, ca.SX) or not x.is_valid_input():
-        raise InputError(f"{what} must be SX symbols, got {x!r}")
+        made = (
+            "; a scene is System(q, v, L) with q, v = coordinates(...)"
+            if what in ("q", "v")
+            else ""
+        )
+        raise InputError(f"{what} must be SX symbols, got {x!r}{made}")
     x = ca.vec(x)
     if len({s.element_hash() for s in ca.symvar(x)}) < x.numel():
         raise InputError(f"{what} holds the same symbol twice: {x}")
