@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.codegen import newton, solution
+from varint.codegen import newton, nodes
 from varint.codegen.arguments import DONE
 from varint.codegen.cache import compiler
 from varint.codegen.kernel import run_loop
-from varint.codegen.newton import newton_source
-from varint.codegen.source import compiled
+from varint.codegen.native_newton import native_newton
+from varint.codegen.newton import newton_kernel, newton_source
 from varint.discrete.shake_equations import eliminates_path
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 
@@ -29,14 +29,39 @@ def driven():
     return vi.System(q, v, kinetic - potential, force=force, control=u, params=c, t=t)
 
 
-def rows(rule, monkeypatch, forget, steps=60, u=None, **how):
+def held():
+    """Two points on rods in a turning field, whose inertia depends on the place; damped, driven."""
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    t, c, u = vi.time(), vi.Parameters(g=9.81), ca.SX.sym("u")
+    kinetic = ca.sumsqr(v) / 2 + 0.3 * ca.sumsqr(q[:2]) * v[2] ** 2 + 0.1 * q[0] * v[1] * v[2]
+    lagrangian = kinetic + 0.4 * (q[0] * v[1] - q[1] * v[0]) - c.g * (q[1] + q[3])
+    rods = ca.vertcat(ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:] - q[:2]) - 1 - 0.1 * ca.sin(t))
+    force = ca.vertcat(u * q[1], -0.2 * v[1], 0, -0.1 * v[2])
+    return vi.System(q, v, lagrangian, constraint=rods, force=force, control=u, params=c, t=t)
+
+
+def steady():
+    """The same rods with constant inertia and no force but weight."""
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    rods = ca.vertcat(ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:] - q[:2]) - 1)
+    return vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * (q[1] + q[3]), constraint=rods)
+
+
+STARTS = {2: ([0.5, 1.0], [0.3, -0.2]), 4: ([0.6, -0.8, 1.6, -0.8], [0, 0, 0, 0])}
+LOOPED = {"LOOPED": 0, "LOOPED_WITH_ANGLES": 0, "LOOPED_FREE": 0}
+WRITTEN = dict.fromkeys(LOOPED, 10**9)
+
+
+def rows(rule, monkeypatch, forget, steps=60, u=None, scene=driven, kernel=newton_kernel, **how):
     forget()
-    system = driven()
+    system = scene()
     for name, value in how.items():
-        monkeypatch.setattr(solution, name, value)
-    kernel = compiled(newton_source.__wrapped__(system, rule))
-    n = system.structure.n
-    start = {"q0": np.linspace(0.5, 1.0, n), "v0": np.linspace(0.3, -0.2, n), "p0": None}
+        monkeypatch.setattr(nodes, name, value)
+    kernel = kernel(system, rule)
+    q0, v0 = STARTS[system.structure.n]
+    if system.structure.constraints:
+        q0, v0 = vi.project(system, q0, v0, t0=0.3)
+    start = {"q0": q0, "v0": v0, "p0": None}
     problem = initial_value_problem(
         system, rule, Start(**start, t0=0.3, u=u), RunOptions(h=0.05, steps=steps)
     )
@@ -55,16 +80,43 @@ def test_a_loop_over_the_nodes_gives_what_the_written_out_equations_give(
     rule, by_directions, monkeypatch, forget
 ):
     u = np.random.default_rng(0).uniform(-1, 1, (60, 1))
-    written = rows(rule, monkeypatch, forget, u=u, LOOPED=10**9)
-    looped = rows(rule, monkeypatch, forget, u=u, LOOPED=0, BY_DIRECTIONS=by_directions)
+    written = rows(rule, monkeypatch, forget, u=u, **WRITTEN)
+    looped = rows(rule, monkeypatch, forget, u=u, **LOOPED, BY_DIRECTIONS=by_directions)
     assert np.abs(looped - written).max() < 1e-12
 
 
 @needs_compiler
-def test_code_does_not_grow_with_the_number_of_nodes(monkeypatch, forget):
-    """But for the tables of the rule and the sizes of the unknowns, one number each."""
+@pytest.mark.parametrize("by_directions", (10**9, 0))
+@pytest.mark.parametrize("scene", (held, steady))
+@pytest.mark.parametrize("rule", (vi.lobatto(3), vi.lobatto(5)), ids=str)
+def test_constraints_hold_in_a_loop_over_the_nodes_as_in_equations_written_out(
+    rule, scene, by_directions, monkeypatch, forget
+):
+    """The motion, and its bytes in both gears; only what is left at the end of a step is a loop."""
+    u = np.random.default_rng(0).uniform(-1, 1, (60, 1)) if scene is held else None
+    given = {"u": u, "scene": scene, "BY_DIRECTIONS": by_directions}
+    written = rows(rule, monkeypatch, forget, **given, **WRITTEN, LOOPED_ENDS=10**9)
+    for how in (WRITTEN, LOOPED):
+        looped = [
+            rows(rule, monkeypatch, forget, **given, **how, LOOPED_ENDS=0, kernel=kernel)
+            for kernel in (newton_kernel, native_newton)
+        ]
+        assert looped[0].tobytes() == looped[1].tobytes()
+        assert np.abs(looped[0] - written).max() < 1e-11
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "scene, rules, most",
+    [(driven, [vi.gauss(s) for s in (2, 4, 8)], 1), (held, [vi.lobatto(s) for s in (3, 5, 9)], 3)],
+)
+def test_code_does_not_grow_with_the_number_of_nodes(scene, rules, most, monkeypatch, forget):
+    """But for the tables of the rule and the sizes of the unknowns, one number each; those of the
+    multipliers are summed besides.
+    """
     emitted = []
-    monkeypatch.setattr(solution, "LOOPED", 0)
+    for name, value in LOOPED.items():
+        monkeypatch.setattr(nodes, name, value)
     monkeypatch.setattr(
         newton,
         "source_of",
@@ -72,10 +124,13 @@ def test_code_does_not_grow_with_the_number_of_nodes(monkeypatch, forget):
             sum(f.length for f in functions.values())
         ),
     )
-    for stages in (2, 4, 8):
-        newton_source.__wrapped__(driven(), vi.gauss(stages))
-    assert emitted[1] - emitted[0] == 2 * (4 - 2)
-    assert emitted[2] - emitted[1] == 2 * (8 - 4)
+    system = scene()
+    for rule in rules:
+        newton_source.__wrapped__(system, rule)
+    unknowns = system.structure.n + system.structure.constraints
+    more = [unknowns * (b.degree - a.degree) for a, b in itertools.pairwise(rules)]
+    grown = [b - a for a, b in itertools.pairwise(emitted)]
+    assert all(x <= most * y for x, y in zip(grown, more, strict=True))
 
 
 def rods(count):

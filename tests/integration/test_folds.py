@@ -216,7 +216,9 @@ def test_what_is_told_of_a_fold_does_not_depend_on_the_pieces_of_a_run(monkeypat
         for node in (43.5, 55.5, 61.5, 64):
             run = dict(save_every=50, backend="native")
             _, words = folded_at(2, vi.lobatto(3), node, **run)
-            assert ("lies on a fold" if node == 64 else "other steps lead elsewhere") in words
+            within = "other steps lead elsewhere", "left a residual"  # by its last digits
+            told = ("lies on a fold",) if node == 64 else within
+            assert any(x in words for x in told)
             said.append(words.partition("Error.trajectory")[0])
             assert f"(step {int(node)})" in words or node == 64
     assert said[:4] == said[4:] and len(set(said)) == 4

@@ -7,12 +7,11 @@ from dataclasses import replace
 from varint.codegen.block import block_of
 from varint.codegen.core import newton_loop
 from varint.codegen.frozen import no_whole_derivatives
-from varint.codegen.graph import NotCompilable, kernel_per_system
+from varint.codegen.graph import kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import (
     MOST_OF_MACHINES,
     MOST_OPERATIONS,
-    TOO_LARGE,
     kernel_on,
     members_by_name,
     tapes_of,
@@ -26,8 +25,6 @@ from varint.scene.system import System
 def native_newton(system: System, rule: Rule) -> Kernel:
     """The kernel of `newton_kernel` with the scene as data; raises as `native_gauss` does."""
     x = newton_scheme(system, rule)
-    if x.node_tables:
-        raise NotCompilable(TOO_LARGE)
     functions = newton_routines(system, rule)
     tapes = tapes_of(
         functions, MOST_OF_MACHINES if no_whole_derivatives(system) else MOST_OPERATIONS

@@ -45,7 +45,7 @@ from varint.numerics.limits import LEGENDRE_ITERATIONS, STEP_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-OWN = ("C", "COUPLED", "BY_DIRECTIONS")  # numbers that scenes of a size may have differently
+OWN = ("C",)  # numbers that scenes of a size may have differently
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
 
@@ -91,13 +91,12 @@ def newton_source(system: System, rule: Rule) -> Source:
         len(rule.nodes),
         emitted_together(functions, x.constants.numel(), closed > 0, parts > 1),
         heads,
-        data + c_tables(x.node_tables) + c_source("newton_table.h"),
-        *(("nodes.c",) if x.node_tables else ()),
+        data + c_source("newton_table.h"),
         "newton_functions.c",
         opening=x.opening,
         rows=x.rows,
         contraction=AS_WRITTEN,
-        straight=not (closed or x.node_tables),
+        straight=not closed,
         apart=c_head(sizes, data) + "".join(loop),
     )
 
@@ -123,9 +122,6 @@ class Scheme:
         Numbers by the names in c/newton.c.
     places, tables : dict of array
         The same for arrays of whole and other numbers.
-    node_tables : dict of array
-        Those of the rule and of a node's derivatives where the equations are a loop over the nodes,
-        c/nodes.c.
     opening : callable
         See `Kernel`.
     """
@@ -137,7 +133,6 @@ class Scheme:
     limits: dict[str, float]
     places: dict[str, np.ndarray]
     tables: dict[str, np.ndarray]
-    node_tables: dict[str, np.ndarray]
     opening: Callable[..., np.ndarray]
 
     @property
@@ -208,10 +203,10 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "FOLDED": FOLDED,
             "VANISHED": VANISHED,
         },
-        _places(solve, projection),
+        _places(solve, projection) | solve.nodes.places,
         _tables(rule, forced, history)
+        | solve.nodes.tables
         | {"SHARES": np.array(parts)[:, 0], "BEGUN": np.append(np.array(parts)[:, 1], 1.0)},
-        solve.tables,
         opening_values(system),
     )
 
@@ -314,10 +309,7 @@ def _counts(
         "HALVINGS": HALVINGS,
         "INVERTED": int("legendre" in solve.functions),
     }
-    if solve.tables:
-        counts["COUPLED"] = len(solve.tables["COUPLED_ROW"])
-        counts["BY_DIRECTIONS"] = int("node_turn" in solve.functions)
-    return counts
+    return counts | solve.nodes.counts
 
 
 def _places(solve: Solution, projection: _Projection | None) -> dict[str, np.ndarray]:

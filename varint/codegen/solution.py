@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.codegen.band import Band, band
 from varint.codegen.frozen import frozen_slope, no_whole_derivatives
+from varint.codegen.nodes import NOWHERE, Functions, NodeLoop, Nodes, node_loop
 from varint.discrete.equations import Equations, start_row
 from varint.discrete.tolerances import (
     LAST_CORRECTION,
@@ -22,21 +23,13 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 MAPPED = 12  # so many unknowns of a linear scene: a full matrix times (q, p) is the cheapest step
-# operations of the equations from which on they are a loop over the nodes: below, written out they
-# are as fast; above, they run slower and compile far slower (a top in gauss(4): 97 s against 2 s)
-LOOPED = 2_500
-# operations of a node's derivatives from which on they are taken direction by direction: a row of
-# statements so long takes the compiler a time that grows with the square of its length
-BY_DIRECTIONS = 12_000
-NOWHERE = np.zeros(0, dtype=int)
-Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
     """How the unknowns are found: the functions for it, the order of the band, what makes it
-    simpler (`steady`: of a map, that it is the same at all times); tables of the rule where the
-    equations are a loop over its nodes; whether the matrix is not their derivative but near it, and
+    simpler (`steady`: of a map, that it is the same at all times); what a loop over the nodes of
+    the rule needs; whether the matrix is not their derivative but near it, and
     the same all through a step; so many of the unknowns, the first ones, tell when to stop, where
     the equations are linear in the others (0: all of them).
     """
@@ -47,7 +40,7 @@ class Solution:
     linear: bool
     map: bool
     steady: bool = False
-    tables: dict[str, np.ndarray] = field(default_factory=dict)
+    nodes: Nodes = field(default_factory=Nodes)
     frozen: bool = False
     judged: int = 0
 
@@ -61,12 +54,27 @@ class Solution:
 
 def solution_of(system: System, rule: Rule, e: Equations, held: bool) -> Solution:
     """The cheapest way to the unknowns of the equations; `held`: there are constraints."""
+    linear = system.structure.linear and not held
     if no_whole_derivatives(system) and not system.structure.linear:
-        return _frozen(e, frozen_slope(system, rule, e))
-    if held:
-        return _written_out(e, False)
-    shorter = _without_end(system, rule, e) or _at_nodes(system, rule, e)
-    return shorter or _written_out(e, system.structure.linear)
+        found = _frozen(e, frozen_slope(system, rule, e))
+        return _in_loop(found, node_loop(system, rule, e, slopes=False))
+    if not held and (shorter := _without_end(system, rule, e)):
+        return shorter
+    loop = None if linear or e.y.numel() <= CLOSED else node_loop(system, rule, e)
+    if loop and loop.band:
+        return Solution(loop.functions, loop.band, False, False, False, nodes=loop.nodes)
+    return _in_loop(_written_out(e, linear), loop)
+
+
+def _in_loop(written: Solution, loop: NodeLoop | None) -> Solution:
+    """What is left of the equations at the end of a step as a loop over the nodes, and where the
+    matrix is frozen the equations too.
+    """
+    if not loop:
+        return written
+    apart = {"finish", "equations"} if written.frozen else {"finish"}
+    kept = {name: f for name, f in written.functions.items() if name not in apart}
+    return replace(written, functions=kept | loop.functions, nodes=loop.nodes)
 
 
 def _without_end(system: System, rule: Rule, e: Equations) -> Solution | None:
@@ -96,54 +104,6 @@ def _without_end(system: System, rule: Rule, e: Equations) -> Solution | None:
     inputs, unordered = [e.y, e.q, e.p, e.t, e.u], Band(np.arange(size), 0, 0, NOWHERE, 0)
     functions: Functions = {"equations": (inputs, [every]), **_after(e)}
     return Solution(functions, unordered, True, False, False, judged=judged)
-
-
-def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
-    """The equations as a loop over the nodes of the rule, where they are long if written out."""
-    s, n, d, nodes = system, system.structure.n, rule.degree, len(rule.nodes)
-    if s.structure.linear or d == 1 or e.y.numel() <= CLOSED:
-        return None
-    state, push = [s.q, s.v, s.t, s.control], s.generalised_force
-    slopes = [ca.jacobian(x, y) for x in (s.momentum, push) for y in (s.q, s.v)]
-    pattern = slopes[0].sparsity()
-    for slope in slopes[1:]:
-        pattern = pattern + slope.sparsity()
-    values = [s.momentum, push]
-    every = [*values, *(ca.project(slope, pattern).nz[:] for slope in slopes)]
-    size = ca.Function("node", [*state, s.c], every, {"cse": True}).n_instructions()
-    if size * nodes < LOOPED:
-        return None
-    if size > BY_DIRECTIONS:
-        q_turn, v_turn = ca.SX.sym("dq", n), ca.SX.sym("dv", n)
-        turns = [ca.jtimes(x, s.q, q_turn) + ca.jtimes(x, s.v, v_turn) for x in values]
-        slopes_of: Functions = {"node_turn": ([*state, q_turn, v_turn], turns)}
-    else:
-        slopes_of = {"node_slopes": (state, every)}
-    functions: Functions = slopes_of | {
-        "node_values": (state, values),
-        "row_units": ([], [ca.vertcat(e.h, e.row_size[:n])]),
-        "judged": ([e.y, e.q, e.p, e.t], [e.judged[:n]]),
-        "units": ([], [e.y_size]),
-    }
-    order = band(ca.repmat(pattern, d, d))
-    rows, columns = np.array(pattern.row()), np.array(pattern.get_triplet()[1])
-    place = np.empty_like(order.order)
-    place[order.order] = np.arange(n * d)
-    blocks = [
-        place[j * n + rows] * (order.below + order.reach) + order.below + place[k * n + columns]
-        for j in range(d)
-        for k in range(d)
-    ]
-    tables = {
-        "BASIS": rule.basis[:, 1:].ravel(),
-        "SLOPES": rule.slopes[:, 1:].ravel(),
-        "WEIGHTS": np.array(rule.weights),
-        "POINT_TIMES": np.array(rule.nodes),
-        "COUPLED_ROW": rows,
-        "COUPLED_COLUMN": columns,
-    }
-    band_of_blocks = replace(order, places=np.concatenate(blocks))
-    return Solution(functions, band_of_blocks, False, False, False, tables=tables)
 
 
 def _written_out(e: Equations, linear: bool) -> Solution:

@@ -48,7 +48,8 @@ def constrained_equations(system: System, rule: Rule) -> Equations:
     # reactions set coordinates in motion that were at rest when the scales were taken, and hold
     # massless ones at p = 0: count what is there now
     strong, rest = ca.vertsplit(row_size, [0, n * d, left.numel()])
-    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + reactions + ROUNDABLE * strong[:n]
+    gained = ca.SX.sym("gained", n)
+    moving = scale[n:] + ca.fabs(p) + ca.fabs(gained) + reactions + ROUNDABLE * strong[:n]
     return Equations(
         ca.vertcat(ca.vec(z), ca.vec(lam), nu),
         one.q0,
@@ -63,6 +64,7 @@ def constrained_equations(system: System, rule: Rule) -> Equations:
         y_size,
         row_size,
         ca.vertcat(ca.repmat(moving, d, 1), rest),
+        gained,
         one.h * z[:, -1],
         total,
     )

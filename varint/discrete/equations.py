@@ -33,7 +33,9 @@ class Equations:
     y_size, row_size : SX
         Sizes of the unknowns and of the rows, which make both dimensionless.
     judged : SX
-        What the remaining residual is measured by, row by row.
+        What the remaining residual is measured by, row by row, as a function of the gain besides.
+    gained : SX (n,)
+        The symbol that `judged` has for the gain.
     increment, gain : SX (n,)
         q1 − q0, and what the momentum gains by forces and reactions, before projection.
     """
@@ -51,6 +53,7 @@ class Equations:
     y_size: ca.SX
     row_size: ca.SX
     judged: ca.SX
+    gained: ca.SX
     increment: ca.SX
     gain: ca.SX
 
@@ -62,7 +65,7 @@ class Equations:
     @property
     def remains(self) -> ca.SX:
         """The residual by what it is judged by."""
-        return ca.densify(self.left / self.judged)
+        return ca.densify(self.left / ca.substitute(self.judged, self.gained, self.gain))
 
 
 # of the largest momentum, and of |∂p/∂q| |q|: round-off of 1e-16 in these stays below 1e-12
@@ -95,6 +98,7 @@ def implicit_equations(system: System, rule: Rule) -> Equations:
         ca.repmat(v_scale, d, 1),
         ca.repmat(p_scale, d, 1),
         ca.repmat(judged, d, 1),
+        ca.SX.sym("gained", n),
         one.h * z[:, -1],
         ca.densify(total),
     )

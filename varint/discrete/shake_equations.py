@@ -95,6 +95,7 @@ def shake_equations(system: System) -> Equations:
         lam_size,
         g_size,
         g_size,
+        ca.SX.sym("gained", n),
         increment,
         ca.densify(gain),
     )

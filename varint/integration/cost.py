@@ -35,7 +35,7 @@ SHARE, HELD_SHARE = 0.5, 0.3
 # Seconds of the processor until a kernel can run, and for a statement of it: a fifth to arrange and
 # write it, the rest in C. Functions are written in parts: it does not grow with their length. The
 # loop, which is compiled once for all scenes of a size, is there already. Of 20 scenes by Newton's
-# method, 200 to 5,700 statements, 0.1 to 0.7 seconds, what is predicted is 0.6 to 1.8 times that.
+# method, 200 to 5,500 statements, 0.1 to 0.7 seconds, what is predicted is 0.8 to 1.7 times that.
 STARTING, STATEMENT = 0.06, 8.5e-5  # Newton's method
 EXPLICIT_STARTING, EXPLICIT_STATEMENT = 0.1, 4e-5
 # fixed points of all stages
@@ -51,6 +51,7 @@ RIGHT_SIDE = 4  # statements in a right-hand side for an operation of L, âˆ‚L/âˆ
 SECOND = 7  # and in second derivatives, as Newton's method needs them
 NEWTON = 12  # and in all that Newton's method needs without constraints, or with few unknowns
 ENTRY = 4  # statements for an entry of a matrix that is written out
+WRITTEN = 2  # nodes and control points, with constraints: of more, a loop has what is long
 
 
 @per_scene
@@ -138,7 +139,8 @@ def _statements(system: System, rule: Rule) -> int:
         ca.vertcat(system.constraint, system.nonholonomic @ system.v), system.q
     )
     coupled = _coupling(system).nnz() + 2 * rows.nnz()
-    return SECOND * point * len(rule.nodes) + ENTRY * coupled * max(rule.degree, 1) ** 2
+    nodes, degree = min(len(rule.nodes), WRITTEN), min(max(rule.degree, 1), WRITTEN)
+    return SECOND * point * nodes + ENTRY * coupled * degree**2
 
 
 def _by_newton(system: System, rule: Rule) -> bool:

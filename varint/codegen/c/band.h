@@ -13,6 +13,14 @@ INLINE Chunk chunk_fma(double f, Chunk x, Chunk y) { for (int i = 0; i < 8; i++)
 INLINE Chunk chunks_fma(Chunk f, Chunk x, Chunk y) { for (int i = 0; i < 8; i++) y[i] = v_fma(f[i], x[i], y[i]); return y; }
 #endif
 
+/* x before the numbers of y, whose last one leaves it; and the last one of x before them. */
+#if defined(__clang__)
+#define LAST_BEFORE(x, y) __builtin_shufflevector(x, y, 7, 8, 9, 10, 11, 12, 13, 14)
+#else
+typedef int64_t ChunkPlaces __attribute__((vector_size(64)));
+#define LAST_BEFORE(x, y) __builtin_shuffle(x, y, (ChunkPlaces){7, 8, 9, 10, 11, 12, 13, 14})
+#endif
+
 INLINE int least(int a, int b) { return a < b ? a : b; }
 
 /* LU with row exchanges, in place; multipliers stay below the diagonal, reciprocals on it. */
@@ -47,6 +55,24 @@ INLINE void factorise(const int n, const int below, const int reach, double *a, 
     }
 }
 
+/* What is known of b behind row c: x of the rows c + 1 to c + reach. The last `chunks` vectors of it stay in registers: out of
+   memory they would have to wait until their numbers have come there one by one. */
+INLINE void substitute_back(const int n, const int below, const int chunks, const double *a, double *b) {
+    const int width = below + 8 * chunks;
+    Chunk behind[chunks];
+    for (int k = 0; k < chunks; k++) behind[k] = (Chunk){0};
+    for (int c = n - 1; c >= 0; c--) {
+        const double *const row = a + c * (width + 1) + below;
+        const int right = least(8 * chunks, n - 1 - c);
+        Chunk parts = {0};
+        for (int k = 0; k < chunks && 8 * k < right; k++) parts = chunks_fma(AT_CHUNK(row, 1 + 8 * k), behind[k], parts);
+        const double x = b[c] - (((parts[0] + parts[1]) + (parts[2] + parts[3])) + ((parts[4] + parts[5]) + (parts[6] + parts[7])));
+        b[c] = x * row[0];
+        for (int k = chunks - 1; k > 0; k--) behind[k] = LAST_BEFORE(behind[k - 1], behind[k]);
+        behind[0] = LAST_BEFORE((Chunk)(b[c] - (Chunk){0}), behind[0]);
+    }
+}
+
 /* b has room for `reach` zeros behind its end. */
 INLINE void substitute(const int n, const int below, const int reach, const double *a, const int *pivots, double *b) {
     const int width = below + reach;
@@ -56,7 +82,13 @@ INLINE void substitute(const int n, const int below, const int reach, const doub
         b[pivots[c]] = b[c], b[c] = x;
         for (int r = 1; r <= down; r++) b[c + r] = v_fnma(row[r * width], x, b[c + r]);
     }
-    for (int c = n - 1; c >= 0; c--) {
+    if (reach == 8) substitute_back(n, below, 1, a, b);
+    else if (reach == 16) substitute_back(n, below, 2, a, b);
+    else if (reach == 24) substitute_back(n, below, 3, a, b);
+    else if (reach == 32) substitute_back(n, below, 4, a, b);
+    else if (reach == 40) substitute_back(n, below, 5, a, b);
+    else if (reach == 48) substitute_back(n, below, 6, a, b);
+    else for (int c = n - 1; c >= 0; c--) {
         const double *const row = a + c * (width + 1) + below;
         const int right = least(reach, n - 1 - c);
         double x = b[c];

@@ -44,8 +44,9 @@ LARGE void save_afresh(double *row, const double *q, const double *p, double t, 
 #include "folds.h"
 
 /* What depends on parameters, step and sizes alone. */
-LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
+LARGE void prepare(const double *k, double *w, double *units, double *inverse, double *matrix, int *pivots) {
     prepare_functions(k, w);
+    if (AT_NODES) units_at_nodes(w, units);
     if (!MAP) {
         double size[Y];
         units_of(w, size);
@@ -83,7 +84,7 @@ int run(const RunArguments *a) {
     const double t0 = a->t0, whole = a->h; /* of the whole step, where it has parts */
     double before[PARTS > 1 ? 4 * N : 1];  /* the step of several parts */
     int part = 0, pivots[Y], status = DONE;
-    double *rows = a->rows, *rests = a->rests, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], speeds[N], *matrix = 0;
+    double *rows = a->rows, *rests = a->rests, k[C + 1 + 2 * N + SIZES], w[ALL_W], units[UNITS_SIZE], inverse[Y], speeds[N], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
 #ifdef SCENE_APART
     memcpy(w, &a->scene, sizeof a->scene), memcpy(w + 1, &(Angles){sines_of}, sizeof(Angles));
@@ -97,7 +98,7 @@ int run(const RunArguments *a) {
         if (!matrix) return NOT_FINITE;
     }
     double *y[HISTORY + 1], unknowns[HISTORY][ROW];
-    Run r = {a->u, a->carry, whole * SHARES[0], 1 / (whole * SHARES[0]), w, inverse, matrix, y, speeds};
+    Run r = {a->u, a->carry, whole * SHARES[0], 1 / (whole * SHARES[0]), w, units, inverse, matrix, y, speeds};
     r.pivots = pivots, r.most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
     const int goes_on = *state.started == 1 && *state.h == whole;
     COPY(k, a->c, C), k[C] = r.h;
@@ -111,7 +112,7 @@ int run(const RunArguments *a) {
         *state.known = *state.age = 0;
     }
     COPY(scale, state.scale, 2 * N), COPY(sizes, state.sizes, SIZES);
-    prepare(k, w, inverse, matrix, pivots);
+    prepare(k, w, units, inverse, matrix, pivots);
     if (KICKED && !goes_on) {
         const double t = t0 + whole * (double)first;
         kick_of(q, &t, a->u, w, state.force);
@@ -131,14 +132,14 @@ int run(const RunArguments *a) {
     while (done < steps) {
         if (PARTS > 1) {
             r.h = k[C] = whole * SHARES[part], r.per_h = 1 / r.h;
-            prepare(k, w, inverse, matrix, pivots);
+            prepare(k, w, units, inverse, matrix, pivots);
             if (!part) COPY(before, q, N), COPY(before + N, p, N), COPY(before + 2 * N, state.rest_q, N), COPY(before + 3 * N, state.rest_p, N);
         }
         const double t = t0 + whole * ((double)(first + done) + BEGUN[part]);
         const double end = t0 + whole * ((double)(first + done) + BEGUN[part + 1]);
         if (HELD && (int64_t)*state.age % RESIZED == 0) {
             sized_of(q, &t, w, sizes);
-            prepare(k, w, inverse, matrix, pivots);
+            prepare(k, w, units, inverse, matrix, pivots);
         }
         for (r.count = 0;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
             const int known = (int)*state.known;
@@ -156,7 +157,7 @@ int run(const RunArguments *a) {
         if (status) break;
         if (INVERTED && unsaved + 1 == a->save_every) COPY(rows + 2 * N, speeds, N);
         *state.age += 1;
-        if ((int64_t)*state.age % WINDOW == 0) rescale(scale, state.seen), prepare(k, w, inverse, matrix, pivots);
+        if ((int64_t)*state.age % WINDOW == 0) rescale(scale, state.seen), prepare(k, w, units, inverse, matrix, pivots);
         if (++part < PARTS) continue;
         part = 0;
         r.u += NODES * NU;

@@ -25,6 +25,13 @@ static void sines_of(const double *angle, double *sine, double *cosine) {
 #define residual_and_slope(y, q, p, t, u, w, b, jacobian) TABLE->residual_and_slope(y, q, p, t, u, w, b, jacobian)
 #define finished(y, q, p, t, u, w, increment, gain, remains) TABLE->finish(y, q, p, t, u, w, increment, gain, remains)
 #define units_of(w, size) TABLE->units(w, size)
+#define node_values_of(q, v, t, u, lam, w, p, f, gap) TABLE->node_values(q, v, t, u, lam, w, p, f, gap)
+#define node_slopes_of(q, v, t, u, lam, w, p, f, gap, gap_q, p_q, p_v, f_q, f_v) \
+    TABLE->node_slopes(q, v, t, u, lam, w, p, f, gap, gap_q, p_q, p_v, f_q, f_v)
+#define node_turn_of(q, v, t, u, lam, dq, dv, w, dp, df, dg) TABLE->node_turn(q, v, t, u, lam, dq, dv, w, dp, df, dg)
+#define node_inertia_of(w, p_v) TABLE->node_inertia(w, p_v)
+#define row_units_of(w, units) TABLE->row_units(w, units)
+#define judged_of(y, q, p, t, gain, w, sizes) TABLE->judged(y, q, p, t, gain, w, sizes)
 #define speed_of(x, q_or_p, t, w, v) TABLE->speed(x, q_or_p, t, w, v)
 #define kick_of(q, t, u, w, force) TABLE->kick(q, t, u, w, force)
 #define sized_of(q, t, w, sizes) TABLE->sized(q, t, w, sizes)

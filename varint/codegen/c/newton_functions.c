@@ -18,6 +18,25 @@
 #if !FROZEN
 #define frozen(...) NOTHING
 #endif
+#if SLOPES_AT_NODES || (AT_NODES && FROZEN)
+#define equations(...) NOTHING
+#endif
+#if AT_NODES
+#define finish(...) NOTHING
+#else
+#define node_values(...) NOTHING
+#define row_units(...) NOTHING
+#define judged(...) NOTHING
+#endif
+#if !SLOPES_AT_NODES || BY_DIRECTIONS
+#define node_slopes(...) NOTHING
+#endif
+#if !STEADY_INERTIA
+#define node_inertia(...) NOTHING
+#endif
+#if !BY_DIRECTIONS
+#define node_turn(...) NOTHING
+#endif
 #if !LINEAR
 #define slope(...) NOTHING
 #endif
@@ -53,6 +72,19 @@ INLINE void finished(In y, In q, In p, In t, In u, In w, double *increment, doub
     finish(y, q, p, t, u, w + PREPARED_AT, increment, gain, remains);
 }
 INLINE void units_of(In w, double *size) { units(w + PREPARED_AT, size); }
+INLINE void node_values_of(In q, In v, In t, In u, In lam, In w, double *p, double *f, double *gap) {
+    node_values(q, v, t, u, lam, w + PREPARED_AT, p, f, gap);
+}
+INLINE void node_slopes_of(In q, In v, In t, In u, In lam, In w, double *p, double *f, double *gap, double *gap_q, double *p_q,
+                           double *p_v, double *f_q, double *f_v) {
+    node_slopes(q, v, t, u, lam, w + PREPARED_AT, p, f, gap, gap_q, p_q, p_v, f_q, f_v);
+}
+INLINE void node_turn_of(In q, In v, In t, In u, In lam, In dq, In dv, In w, double *dp, double *df, double *dg) {
+    node_turn(q, v, t, u, lam, dq, dv, w + PREPARED_AT, dp, df, dg);
+}
+INLINE void node_inertia_of(In w, double *p_v) { node_inertia(w + PREPARED_AT, p_v); }
+INLINE void row_units_of(In w, double *units) { row_units(w + PREPARED_AT, units); }
+INLINE void judged_of(In y, In q, In p, In t, In gain, In w, double *sizes) { judged(y, q, p, t, gain, w + PREPARED_AT, sizes); }
 INLINE void speed_of(In x, In q_or_p, In t, In w, double *v) { speed(x, q_or_p, t, w + PREPARED_AT, v); }
 INLINE void kick_of(In q, In t, In u, In w, double *force) { kick(q, t, u, w + PREPARED_AT, force); }
 INLINE void sized_of(In q, In t, In w, double *sizes) { sized(q, t, w + PREPARED_AT, sizes); }
@@ -69,6 +101,7 @@ INLINE void independence_of(In q, In t, In w, double *pivot) { independence(q, t
 INLINE void lengths_of(In q, In t, In w, double *squares) { lengths(q, t, w + PREPARED_AT, squares); }
 
 #if CLOSED
+#define WITHOUT_NODES
 #include "newton_state.h"
 #include "newton_step.c"
 static int next_step(Run *r, double t, double end) { return step(r, state_in(r->carry), t, end); }
@@ -86,5 +119,8 @@ const Scene scene = {
 #else
     .residual = residual_of, .residual_and_slope = residual_and_slope, .finish = finished, .pulled = pulled_of,
     .frozen = frozen_of, .driven = driven_of,
+    .node_values = node_values_of, .node_slopes = node_slopes_of, .node_turn = node_turn_of,
+    .node_inertia = node_inertia_of, .row_units = row_units_of,
+    .judged = judged_of,
 #endif
 };

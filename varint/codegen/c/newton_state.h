@@ -28,6 +28,7 @@ INLINE State state_in(double *at) {
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
 #define ZEROS(of, count) memset(of, 0, (size_t)(count) * sizeof(double))
 #define LARGE static __attribute__((noinline))
+#define ONE_BY_ONE __asm__ volatile("") /* in a loop that collects what has just been stored: a vector of it would have to wait */
 
 /* A run on its way: its state and its controls from the step at hand on; the size h of that step, or of its part, and what was
    prepared for it; y[s], the unknowns of s steps ago. What a step tells of itself: its iterations, whether its equations are
@@ -35,7 +36,7 @@ INLINE State state_in(double *at) {
    in them. */
 typedef struct Run {
     const double *u;
-    double *carry, h, per_h, *w, *inverse, *matrix, **y, *speeds, left, weakness;
+    double *carry, h, per_h, *w, *units, *inverse, *matrix, **y, *speeds, left, weakness;
     int *pivots, most, solved;
     int64_t count;
 } Run;

@@ -2,11 +2,21 @@
 
 #include "band.h"
 #include "map.h"
+#ifdef WITHOUT_NODES
+#define FOUND NONZEROS
+#define equations_at_nodes(...) ((void)0)
+#define finish_at_nodes(...) ((void)0)
+#else
+#include "nodes.c"
+#endif
 
 /* The factors of a matrix in the order of PERM from its nonzeros. */
 LARGE void factors_of(const double *jacobian, double *matrix, int *pivots) {
     ZEROS(matrix, BAND_SIZE);
-    for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
+    if (SLOPES_AT_NODES)
+        for (int i = 0; i < NONZEROS; i++) { ONE_BY_ONE; matrix[AT[i]] = jacobian[FROM[i]]; }
+    else
+        for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
     factorise(Y, BELOW, REACH, matrix, pivots);
 }
 
@@ -23,8 +33,8 @@ INLINE double largest_of(const double *remains) {
    will do: it is `bend` times the square of the first. A linear solve errs by the round-off of the factors, the same in every
    step, in what it corrects alone: hardly anything, from a continued start. */
 INLINE int solve(double *y, const double *q, const double *p, const double *u, double t, const double *w,
-                  const double *inverse, int most, double *matrix, int *pivots, double *bend, int64_t *count) {
-    double jacobian[NONZEROS + 1];
+                  const double *units, const double *inverse, int most, double *matrix, int *pivots, double *bend, int64_t *count) {
+    double jacobian[FOUND + 1];
     if (FROZEN) {
         frozen_of(y, q, &t, w, jacobian);
         factors_of(jacobian, matrix, pivots);
@@ -39,9 +49,11 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
         }
         ZEROS(b, Y + REACH);
         *count += 1;
-        if (CLOSED || LINEAR || FROZEN) residual_of(y, q, p, &t, u, w, b);
+        if (AT_NODES && FROZEN) equations_at_nodes(y, q, p, &t, u, w, units, b, 0);
+        else if (CLOSED || LINEAR || FROZEN) residual_of(y, q, p, &t, u, w, b);
         else {
-            residual_and_slope(y, q, p, &t, u, w, b, jacobian);
+            if (SLOPES_AT_NODES) equations_at_nodes(y, q, p, &t, u, w, units, b, jacobian);
+            else residual_and_slope(y, q, p, &t, u, w, b, jacobian);
             reused = i == 1 && 2 * *bend * *bend * before * before * before <= LAST_CORRECTION * LAST_CORRECTION;
             if (!reused) factors_of(jacobian, matrix, pivots);
         }
@@ -148,8 +160,9 @@ INLINE int step(Run *r, const State s, double t, double end) {
         }
     } else {
         guess((int)*s.known, r->y + 1, s.speed, z);
-        const int converged = solve(z, here, p_start, u, t, w, r->inverse, r->most, r->matrix, r->pivots, s.bend, &r->count);
-        finished(z, here, p_start, &t, u, w, increment, gain, remains);
+        const int converged = solve(z, here, p_start, u, t, w, r->units, r->inverse, r->most, r->matrix, r->pivots, s.bend, &r->count);
+        if (AT_NODES) finish_at_nodes(z, here, p_start, &t, u, w, r->units, increment, gain, remains);
+        else finished(z, here, p_start, &t, u, w, increment, gain, remains);
         const double left = r->left = largest_of(remains);
         r->solved = converged && left <= RESIDUAL_LIMIT;
         if (!r->solved) return left == left && left < INFINITY ? NOT_CONVERGED : NOT_FINITE;

@@ -16,6 +16,13 @@ typedef struct Scene {
     void (*residual_and_slope)(In y, In q, In p, In t, In u, In w, double *b, double *jacobian);
     void (*finish)(In y, In q, In p, In t, In u, In w, double *increment, double *gain, double *remains);
     void (*units)(In w, double *size);
+    void (*node_values)(In q, In v, In t, In u, In lam, In w, double *p, double *f, double *gap);
+    void (*node_slopes)(In q, In v, In t, In u, In lam, In w, double *p, double *f, double *gap, double *gap_q, double *p_q,
+                        double *p_v, double *f_q, double *f_v);
+    void (*node_turn)(In q, In v, In t, In u, In lam, In dq, In dv, In w, double *dp, double *df, double *dg);
+    void (*node_inertia)(In w, double *p_v);
+    void (*row_units)(In w, double *units);
+    void (*judged)(In y, In q, In p, In t, In gain, In w, double *sizes);
     void (*speed)(In x, In q_or_p, In t, In w, double *v);
     void (*kick)(In q, In t, In u, In w, double *force);
     void (*sized)(In q, In t, In w, double *sizes);
