@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # FewSteps, what belongs to the loop and to what is asked; between them the place of the start
 _LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d3Pq2P")
 _PLACE, _TOLD = struct.Struct("3P"), struct.Struct("5d")
-TOLD = 6  # numbers that there is room for where something is told
+TOLD = 9  # numbers that there is room for where something is told
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 

@@ -17,7 +17,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 
 _WATCHED = struct.Struct("2Pq")  # Watched
-_SOUGHT = struct.Struct("2P8q2d2P")  # Sought
+_SOUGHT = struct.Struct("3P8q2d2P")  # Sought
 ROOM = 64  # zeros of all expressions together: where there are more they are searched elsewhere
 
 
@@ -74,7 +74,7 @@ def sought_by(
     expressions = np.frombuffer(bytearray(each), np.uint8)
     counts = len(watched), int(stops), len(places), *numbers[:5]
     lie = address_of(places), address_of(expressions)
-    packed = _SOUGHT.pack(search, parts, *counts, *numbers[5:], *lie)
+    packed = _SOUGHT.pack(search, parts, kernel.scene, *counts, *numbers[5:], *lie)
     block = np.frombuffer(bytearray(packed), np.uint8)
     held = kernel, tuple(watched), places, expressions, block
     return Sought(address_of(block), ROOM, HEAD + 3 * kernel.n, held)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from ctypes import c_void_p, cast
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,10 @@ from varint.codegen.look_ahead import Look
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_FOUND = struct.Struct("qq3dP")  # Proved
+if TYPE_CHECKING:
+    from varint.codegen.sought import Sought
+
+_FOUND = struct.Struct("qq3dPqqd")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix and the room for nodes, and to what is
 # asked; the place of the start stands behind the first
 _COURSE, _MASS, _ASKED = struct.Struct("9P11q"), struct.Struct("PqPq"), struct.Struct("q4dP")
@@ -25,6 +28,7 @@ _OPENING = struct.Struct("2Pq")
 NO_OPENING = _OPENING.pack(0, 0, 0)
 _RATES = struct.Struct("4P2q3d")  # Rates
 MOST_RATES = 2
+_SEARCH = struct.Struct("4P3q2P")  # Search
 _TAKEN = struct.Struct("2P3q")  # Taken
 ROOM = 2048  # numbers of nodes that lie where they are copied from, for what two calls take
 _ARRAY, _FLOAT = np.ndarray, np.dtype(float)
@@ -128,7 +132,7 @@ class Places(NamedTuple):
     told : memoryview
     room : array
     views : dict
-        Nodes as they lie there, by the number of steps.
+        Nodes as they lie there, by the number of the last one.
     """
 
     head: bytes
@@ -182,10 +186,34 @@ def opening_for(open_at: int, told: np.ndarray) -> bytes:
     return _OPENING.pack(open_at, address_of(told), told.size)
 
 
+# what is looked for along runs for a wanted accuracy as the core is told of it, and where zeros lie
+Asked = tuple[bytes, np.ndarray | None]
+UNSEARCHED: Asked = _SEARCH.pack(*[0] * 9), None
+
+
+def search_asked(
+    what: Sought,
+    speed: np.ndarray,
+    velocities: RowFunction | None,
+    longest: int,
+    typical: tuple[int, int],
+) -> Asked:
+    """What is looked for along runs from a start with this velocity, of so many steps at most.
+
+    `velocities` is (q, p, t) → v for loops that look for none, `typical` how others are told
+    typical sizes.
+    """
+    zeros = np.empty((what.room, what.width))
+    places = what.at, address_of(speed), velocities.at if velocities else 0, new_address(zeros)
+    numbers = what.room, longest, FIXED_POINT_ITERATIONS
+    return _SEARCH.pack(*places, *numbers, *typical), zeros
+
+
 # steps of a run, runs that were made, its estimated error, iterations, residual; coordinates and
-# momenta of its nodes, with velocities where these have no formula; and whether more is to be
-# looked at before it is proved (a tuple is made in a tenth of the time of one with names)
-Found = tuple[int, int, float, float, float, np.ndarray, bool]
+# momenta of its nodes, with velocities where these have no formula; whether more is to be looked at
+# before it is proved; and zeros that were looked for, see `Sought` (a tuple is made in a tenth of
+# the time of one with names)
+Found = tuple[int, int, float, float, float, np.ndarray, bool, np.ndarray | None]
 
 
 def runs_made(places: Places) -> int:
@@ -203,6 +231,7 @@ def two_runs(
     tol: float,
     rates: Rates = NO_RATES,
     opening: bytes = NO_OPENING,
+    search: Asked = UNSEARCHED,
 ) -> Found | int:
     """A run whose error is below tol by the difference to a coarser one; NOT_PROVED where that
     cannot be shown, NOT_SHORT where a run is too long, or another loop should go on, VARIES where
@@ -223,21 +252,25 @@ def two_runs(
         That steps could follow.
     opening : bytes, optional
         Of a loop that must be told more at a fresh start, see `opening_for`.
+    search : tuple, optional
+        What is looked for along the run, which may end there.
     """
     asked = _ASKED.pack(first, t0, duration, radians, tol, rates.at)
-    status = course.entry(course.head + places.head + asked + opening)
+    status = course.entry(course.head + places.head + asked + opening + search[0])
     if status != PROVED and status != DOUBTED:
         return status
-    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)
-    shape = course.parts, steps + 1, course.n
+    told = _FOUND.unpack_from(places.told)
+    steps, runs, estimate, iterations, residual, rows, last, some, _ = told
+    shape, zeros = (course.parts, last + 1, course.n), search[1]
     if rows:
         nodes = np.empty(shape)
-        asked = _TAKEN.pack(rows, new_address(nodes), course.n, steps, shape[0])
+        asked = _TAKEN.pack(rows, new_address(nodes), course.n, last, shape[0])
         done = two_runs_entries()[1](asked)
         assert done == DONE
     else:
-        view = places.views.get(steps)
+        view = places.views.get(last)
         if view is None:
-            view = places.views[steps] = _ARRAY(shape, _FLOAT, places.room)
+            view = places.views[last] = _ARRAY(shape, _FLOAT, places.room)
         nodes = view.copy()
-    return steps, runs, estimate, iterations, residual, nodes, status == DOUBTED
+    found = None if zeros is None else zeros[:some]
+    return steps, runs, estimate, iterations, residual, nodes, status == DOUBTED, found

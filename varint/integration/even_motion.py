@@ -101,7 +101,7 @@ def _proved(
     found = two_runs(how.course, places, t0, duration, first, radians, tol, rates)
     if isinstance(found, int):
         return found
-    steps, runs, estimate, iterations, residual, nodes, doubted = found
+    steps, runs, estimate, iterations, residual, nodes, doubted, _ = found
     grid = duration / steps, t0, steps, iterations, residual
     told = perf_counter() - began, tol, estimate, how.name, runs
     motion = even_motion_of(system, how, nodes, c, grid, told)
@@ -115,12 +115,15 @@ def even_motion_of(
     c: np.ndarray,
     grid: tuple[float, float, int, float, float],
     told: tuple,
+    end: float | None = None,
 ) -> Trajectory:
-    """`plain_motion_of` one with a node at each of its equal steps: (q, p) and perhaps v, and what
-    is made of its (h, t0, steps, iterations, residual) and of what is `TOLD` when it is asked for.
+    """`plain_motion_of` one with a node at each of its equal steps, or until it ends within one of
+    them, at the time `end`: (q, p) and perhaps v, and what is made of its (h, t0, steps,
+    iterations, residual) and of what is `TOLD` when it is asked for.
     """
+    made = grid if end is None else (*grid, len(nodes[0]) - 1, end)
     known = dict(how.blank, system=system, q=nodes[0], p=nodes[1], h=grid[0], c=c, origin=grid[1])
-    known["_make"] = partial(how.make, grid, told)
+    known["_make"] = partial(how.make, made, told)
     if len(nodes) > 2:
         known["v"] = nodes[2]
     motion = _new(Trajectory)
@@ -131,12 +134,14 @@ def even_motion_of(
 def _made(
     chosen: Plan,
     kernel: Kernel,
-    grid: tuple[float, float, int, float, float],
+    grid: tuple,
     told: tuple,
     name: str,
 ) -> Any:
-    """The field of this name."""
-    h, t0, steps, iterations, residual = grid
+    """The field of this name; of a motion that ends within a step the number and time of its last
+    node stand behind the grid.
+    """
+    h, t0, steps, iterations, residual, *last = grid
     if name == "stats":
         more = dict(zip(TOLD, told, strict=False))
         return stats_of(chosen, kernel, steps, (int(iterations), residual), more)
@@ -146,5 +151,8 @@ def _made(
         return np.empty((steps, 1, 0))
     if name == "fictitious":
         return None
-    k = np.arange(steps + 1, dtype=np.int64)
-    return k if name == "k" else h * k + t0
+    k = np.arange((last[0] if last else steps) + 1, dtype=np.int64)
+    x = k if name == "k" else h * k + t0
+    if last:
+        x[-1] = last[0] - 1 if name == "k" else last[1]
+    return x

@@ -15,6 +15,7 @@ from varint.integration.choice import Choice
 from varint.integration.known_at_start import fastest_at_start
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem, RunOptions
+from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -66,10 +67,10 @@ def in_pieces(
     which that is. `fastest` is the frequency of the fastest small motion about the start.
     """
     runs = 0
-    for duration in _pieces(fastest, total):
+    for duration in pieces(fastest, total):
         choice = choose(duration)
         runs += choice.runs
-        if abs(choice.motion.t[-1] - t0) < (1 - WITHIN) * abs(duration):
+        if ends_within(choice.motion, t0, duration):
             return replace(choice, runs=runs), duration
         if not choice.reached:  # chaos, or round-off: longer pieces would not be either
             break
@@ -77,7 +78,12 @@ def in_pieces(
     return replace(choice, runs=runs + choice.runs), total
 
 
-def _pieces(fastest: float, total: float) -> Iterator[float]:
+def ends_within(motion: Trajectory, t0: float, duration: float) -> bool:
+    """Whether the motion ends clearly before a piece does."""
+    return bool(abs(motion.t[-1] - t0) < (1 - WITHIN) * abs(duration))
+
+
+def pieces(fastest: float, total: float) -> Iterator[float]:
     """Durations of the pieces that are clearly shorter than the whole; none where nothing moves to
     and fro.
     """

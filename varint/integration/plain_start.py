@@ -8,7 +8,7 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -110,6 +110,16 @@ class Room:
     known: tuple[bytes, float] | None = None
     seen: tuple | None = None
     chosen: tuple | None = None
+
+
+class Watched(NamedTuple):
+    """What is watched for along a run, `until` one expression crosses zero and for `events`, and
+    whether the run begins with momenta.
+    """
+
+    until: Any
+    events: Any
+    by_momentum: bool
 
 
 def is_plain_number(x: Any) -> bool:

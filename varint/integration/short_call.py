@@ -8,12 +8,24 @@ not as it should be, and says what.
 from __future__ import annotations
 
 import warnings
+from functools import cache
 from time import perf_counter
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from varint.codegen.two_runs import NO_RATES, NOT_PROVED, UNASKED, VARIES, Rates, runs_made
+from varint.codegen.kernel import Kernel
+from varint.codegen.two_runs import (
+    NO_OPENING,
+    NO_RATES,
+    NOT_PROVED,
+    UNASKED,
+    UNSEARCHED,
+    VARIES,
+    Rates,
+    runs_made,
+)
 from varint.integration.energy_leap import energy_leap
 from varint.integration.even_motion import Made, even_motion_of, made_of, proved_motion
 from varint.integration.gears import Gears, kernel_after, kernel_now
@@ -21,6 +33,7 @@ from varint.integration.linear_run import is_one_map
 from varint.integration.plain_start import (
     LARGE,
     Room,
+    Watched,
     begin_at,
     begin_by_momentum,
     is_plain_number,
@@ -64,10 +77,11 @@ def short_call(
     duration: Any,
     tol: float | None,
     began: float,
+    events: Any = None,
 ) -> Trajectory | int | None:
-    """The motion from a start (q0, v0, t0, params), or from momenta in place of v0, if two short
-    runs prove its error, or some more of a scene with forces; what `by_short_trials` says if not;
-    None where another way is to be taken.
+    """The motion from a start (q0, v0, t0, params), or from momenta in place of v0, with events on
+    the way, if two short runs prove its error, or some more of a scene with forces; what
+    `by_short_trials` says if not; None where another way is to be taken.
     """
     q0, v0, t0, params = start
     tol = DEFAULT_TOL if tol is None else tol
@@ -94,29 +108,31 @@ def short_call(
         there = room.known
         if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
             check_steps(t0, duration, 1)
-            ahead = _looked_ahead(system, known, room, begin, t0, c, duration)
+            ahead = looked_ahead(system, known, room, begin, t0, c, duration)
             seen = there, known, duration, *ahead
             room.seen = None if there is None else seen
         _, _, _, pilot, turned = seen
-        runs = 0
+        runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
             rates = known.rates
-            found = _by_the_core(
-                system, known, room, c, t0, duration, tol, turned, began, rates
+            found = by_the_core(
+                system, known, room, c, t0, duration, tol, turned, began, rates, watched
             )  # not by a tuple, whose time counts
             if type(found) is not int or found < VARIES:
                 return found
+            if watched is not None:
+                return None
             runs = runs_made(room.places)
             pilot = seen_along(system, begin, t0, c, duration, found - VARIES)
             if pilot is None:
                 how = system, known, room, c, t0, duration, tol, turned, began
-                again = _by_the_core(*how, [NO_RATES])
+                again = by_the_core(*how, [NO_RATES], None)
                 if type(again) is not Trajectory:
                     return again
                 return with_stats(again, runs=runs + again.stats["runs"])
     finally:
         pool.append(room)
-    if p0 is not None:
+    if p0 is not None or events:
         return None
     return varying_call(system, rule, start, duration, tol, pilot, began, runs)
 
@@ -130,7 +146,7 @@ def is_plainly_asked(rule: Any, t0: Any, duration: Any, tol: float) -> bool:
     return bool(is_plain_number(duration) and duration and is_plain_number(t0))
 
 
-def _looked_ahead(
+def looked_ahead(
     system: System,
     known: Known,
     room: Room,
@@ -148,7 +164,7 @@ def _looked_ahead(
     return ahead.pilot, angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
 
 
-def _by_the_core(
+def by_the_core(
     system: System,
     known: Known,
     room: Room,
@@ -159,7 +175,11 @@ def _by_the_core(
     turned: tuple[float, float],
     began: float,
     rates: list[Rates],
+    watched: Watched | None,
 ) -> Trajectory | int | None:
+    """`short_call` from the start that is there, with what is watched for, over a duration in which
+    the motion turns by so much; VARIES and more where steps should follow one of the rates.
+    """
     chosen = room.chosen
     if chosen is None or chosen[0] is not turned or chosen[1] != tol:
         chosen = room.chosen = turned, tol, *_chosen(system, known, turned[1], tol)
@@ -175,9 +195,9 @@ def _by_the_core(
     if made is None:
         return None
     radians, low = turned[0], gears if made.course.kernel is gears.low else None
-    if known.held:
+    if known.held or watched is not None:
         asked = t0, duration, first, radians, tol
-        return _held(system, made, room, c, asked, low, rates, began)
+        return _by_python(system, known, made, kernel, room, c, asked, low, rates, began, watched)
     now, prove = perf_counter() if low else 0.0, proved_motion()
     at = room.places
     found = prove(made, at, system, c, t0, duration, first, radians, tol, rates[0], began)
@@ -206,35 +226,62 @@ def _chosen(system: System, known: Known, begin: float, tol: float) -> tuple[Loo
     return loop, loop.begins(price, begin, tol)
 
 
-def _held(
+def _by_python(
     system: System,
+    known: Known,
     made: Made,
+    kernel: Kernel,
     room: Room,
     c: np.ndarray,
     asked: tuple[float, float, int, float, float],
     low: Gears | None,
     rates: list[Rates],
     began: float,
-) -> Trajectory | None:
-    opening, (t0, duration, *_, tol) = opening_in(room, system), asked
+    watched: Watched | None,
+) -> Trajectory | int | None:
+    """What c/direct.c does not make: held motions, and those that are watched."""
+    (t0, duration, *_, tol), opening, search = asked, NO_OPENING, UNSEARCHED
+    if watched is not None:
+        mapped = made.course.kernel is not kernel
+        wanted = _watched_runs().watched_in(system, kernel, mapped, room, c, watched)
+        if wanted is None:
+            return None
+        search = wanted
+    if known.held:
+        opening = opening_in(room, system).by_core
     how = made.course, low, room.places, asked, rates
-    found = two_short_runs(system, *how, opening.by_core)
-    if opening.raised:
-        raise opening.raised.pop()
+    found = two_short_runs(system, *how, opening, search)
+    if room.opening is not None and room.opening.raised:
+        raise room.opening.raised.pop()
     if isinstance(found, int):
-        return None
-    steps, runs, estimate, iterations, residual, nodes, doubted = found
-    grid = duration / steps, t0, steps, iterations, residual
-    told = perf_counter() - began, tol, estimate, made.name, runs
-    motion = even_motion_of(system, made, nodes, c, grid, told)
+        elsewhere = known.held or (found == NOT_PROVED and is_one_map(system, made.blank["rule"]))
+        return None if elsewhere else found
+    steps, runs, estimate, iterations, residual, nodes, doubted, zeros = found
+    h = duration / steps
+    grid = h, t0, steps, iterations, residual
+    told, end = (perf_counter() - began, tol, estimate, made.name, runs), None
+    if watched is not None and zeros is not None:
+        end = _watched_runs().end_of(watched, zeros)
+    motion = even_motion_of(system, made, nodes, c, grid, told, end)
+    if watched is not None and zeros is not None and len(zeros):
+        happened = _watched_runs().events_of(system, watched, zeros, c, h, end)
+        motion.__dict__["events"] = happened
     if not doubted:
         return motion
     if not shows_its_error(system):
         seen = looked_at(motion.rule, motion, estimate, tol)
-        return seen if isinstance(seen, Trajectory) else None
+        return None if known.held and seen == NOT_PROVED else seen
     if (leap := energy_leap(motion, tol)) and (alarm := leap.alarm()):
         warnings.warn(alarm, stacklevel=5)
     return motion
+
+
+@cache
+def _watched_runs() -> ModuleType:
+    """Loaded when something is watched for."""
+    from varint.integration import watched_runs
+
+    return watched_runs
 
 
 def looked_at(rule: Rule, motion: Trajectory, estimate: float, tol: float) -> Trajectory | int:

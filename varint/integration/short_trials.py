@@ -28,7 +28,9 @@ from varint.codegen.two_runs import (
     NOT_PROVED,
     NOT_SHORT,
     UNASKED,
+    UNSEARCHED,
     VARIES,
+    Asked,
     Course,
     Found,
     Places,
@@ -114,7 +116,7 @@ def by_short_trials(
     found = two_short_runs(system, course, gears, places, asked, rates)
     if isinstance(found, int):
         return found
-    steps, runs, estimate, iterations, residual, nodes, doubted = found
+    steps, runs, estimate, iterations, residual, nodes, doubted, _ = found
     grid = start.h / steps, start.t0, steps, iterations, residual
     how, seconds = made_of(course, plan(system, rule)), perf_counter() - began
     motion = even_motion_of(system, how, nodes, start.c, grid, (seconds,))
@@ -146,16 +148,17 @@ def two_short_runs(
     asked: tuple[float, float, int, float, float],
     rates: list[Rates],
     opening: bytes = NO_OPENING,
+    search: Asked = UNSEARCHED,
 ) -> Found | int:
     """`two_runs` of (t0, duration, first, radians, tol), and in the low one of `gears` a look at
     whether another one repays; VARIES and more where steps of a run that went astray should follow
     one of the rates.
     """
     now = perf_counter() if gears else 0.0
-    found = two_runs(course, places, *asked, rates[0], opening)
+    found = two_runs(course, places, *asked, rates[0], opening, search)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
-        found = two_runs(course, places, *asked, rates[0])
+        found = two_runs(course, places, *asked, rates[0], opening, search)
     if gears:
         kernel_after(gears, perf_counter() - now, 0.0)
     return found

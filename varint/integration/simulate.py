@@ -206,9 +206,10 @@ def simulate(
             if until is not None:
                 asked = duration, tol, began, (until, events)
                 tried = _until_call().call_until(system, rule, begin, p0, *asked)
-            elif events:
-                watched_for = duration, tol, began, events
-                tried = _watched_call().call_with_events(system, rule, begin, p0, *watched_for)
+            else:
+                tried = _short_call().short_call(
+                    system, rule, begin, p0, duration, tol, began, events
+                )
         if type(tried) is Trajectory:
             return tried if at is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
@@ -267,13 +268,6 @@ def _until_call() -> ModuleType:
     from varint.integration import until_call
 
     return until_call
-
-
-@cache
-def _watched_call() -> ModuleType:
-    from varint.integration import watched_call
-
-    return watched_call
 
 
 @cache

@@ -19,6 +19,7 @@ typedef struct {
     double t0, duration, radians, tol;
     const void *rates, *open, *opening;
     int64_t opens;
+    const void *search[9]; /* nothing is looked for */
 } Asked;
 enum Status { PROVED, DOUBTED = 3 };
 #define LONGEST_COURSE 512 /* bytes */

@@ -119,9 +119,8 @@ static int seek(FewSteps *a, double *rows, double *p, double *t, int64_t *number
     const Sought *const s = a->sought;
     const int64_t n = a->n, width = 3 * n, samples = s->samples;
     double *const q = a->nodes, *const v = a->speeds;
-    const Crossings of = {.parts = s->parts, .scene = a->scene, .rows = a->rows, .t = t, .q = q, .v = v, .p = p, .c = a->c, .n = n,
-                          .most = a->most, .halvings = s->halvings, .most_pieces = s->most_pieces, .iterations = s->iterations,
-                          .secants = s->secants, .newton = s->newton, .located = s->located, .pole = s->pole};
+    Crossings of = crossings_of(s, a->rows, a->c, n, a->most);
+    of.t = t, of.q = q, of.v = v, of.p = p;
     Course x = {t, q, v, p, a->zeros, a->steps + 1, a->room, 0, a->typical};
     if (search_along(s, &of, a->h, &x) != SEARCHED) return NOT_CONVERGED;
     a->told[4] = (double)x.found;

@@ -5,6 +5,8 @@ typedef struct {
     int64_t steps, runs;
     double estimate, iterations, residual;
     double *run;
+    int64_t last, zeros; /* number of the last node; zeros that were found, less than none where they could not be looked for */
+    double ends;         /* when the run before ended early, infinite where it did not */
 } Proved;
 
 /* Memory for so many numbers: coordinates of the nodes, momenta behind them, and velocities where they are asked for. */

@@ -16,6 +16,10 @@
 #include "found.h"
 #include "other_digits.h"
 #include "held.h"
+#include "crossings.h"
+#include "sought.h"
+
+#define CUT_SHARED 3 /* nodes that runs which end early share at least: those of the whole duration have gone on, and show what was missed */
 
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
@@ -50,11 +54,13 @@ typedef struct {
     int (*open)(double h); /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
     const double *opening;
     int64_t opens;
+    Search search;
 } Refined;
 
 typedef struct {
     double *rows, *own, iterations, residual;
-    int64_t steps, count; /* of the whole duration, and those that were made */
+    int64_t steps; /* of the whole duration */
+    Ended ended;   /* of those that were made */
     int lost;
 } Attempt;
 
@@ -81,14 +87,14 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
     if (a->opens && !a->open(a->duration / steps)) return 0;
     memcpy(carry + 1, a->opening, a->opens * sizeof(double));
     if (a->held) memcpy(carry + 1 + 2 * n, speed, n * sizeof(double));
-    to->steps = steps, to->count = count, to->lost = 0, to->iterations = to->residual = 0;
+    to->steps = steps, to->ended = ended_after(count, t0, a->duration / steps), to->lost = 0, to->iterations = to->residual = 0;
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = a->duration / steps,
             .level = level * coarser, .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
-            .without_velocities = !a->held});
+            .without_velocities = !a->held && !a->search.sought});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
         to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
@@ -102,8 +108,32 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
     return 1;
 }
 
+/* Looks for what is sought along a run. */
+static int search(const Refined *a, Attempt *run) {
+    const Crossings of = crossings_of(a->search.sought, a->rows, a->c, a->n, a->search.most);
+    return search_run(&a->search, of, run->rows, a->t0, a->duration / run->steps, &run->ended);
+}
+
 static int try_run(const Refined *a, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
     return try_from(a, a->start, a->opening + 2 * a->n, a->t0, wanted, steps, count, coarser, to);
+}
+
+/* Parts between the nodes that two runs of the whole duration share. */
+static int64_t shared_parts(const Attempt *one, const Attempt *other) {
+    const int64_t unit = common_divisor(one->steps, other->steps), mine = one->ended.whole / (one->steps / unit),
+                  its = other->ended.whole / (other->steps / unit);
+    return mine < its ? mine : its;
+}
+
+/* A run of the whole duration, or until what is sought, which another one has found at this time. */
+static int try_whole(const Refined *a, double wanted, int64_t steps, double ends, double coarser, Attempt *to) {
+    int64_t count = steps;
+    if (!ends_early(&a->search)) return try_run(a, wanted, steps, steps, coarser, to);
+    if (steps > a->search.longest) return 0;
+    count = steps_until(ends, a->t0, a->duration / steps, steps);
+    if (!try_run(a, wanted, steps, count, coarser, to)) return 0;
+    if (!to->lost) to->lost = !search(a, to);
+    return to->lost || count == steps || is_cut(&to->ended) || try_whole(a, wanted, steps, INFINITY, coarser, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -113,7 +143,7 @@ static double apart_from(const Refined *a, const Attempt *one, int64_t few, cons
     double largest = 0, zero = 0;
     for (int64_t d = 0; d < n; d++) {
         double most = 0;
-        for (int64_t k = 0; few * k <= one->count && many * k <= other->count; k++) {
+        for (int64_t k = 0; few * k <= one->ended.whole && many * k <= other->ended.whole; k++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]);
             zero += off * 0, most = off > most ? off : most;
         }
@@ -122,15 +152,22 @@ static double apart_from(const Refined *a, const Attempt *one, int64_t few, cons
     return zero == 0 ? largest : zero;
 }
 
+/* The same with their ends, if they may end early. */
+static double seen_apart(const Refined *a, const Attempt *one, int64_t few, const Attempt *other, int64_t many, const double *scales) {
+    const double apart = apart_from(a, one, few, other, many, scales);
+    const double ends = ends_early(&a->search) ? ends_apart(a->n, one->rows, &one->ended, other->rows, &other->ended, scales) : 0;
+    return apart == apart && ends > apart ? ends : apart;
+}
+
 /* How errors of two runs of the whole duration are spread, the `other` one the finer: the least that an early difference lets
    expect in the middle, and how many times larger they are between the nodes that both share. */
 typedef struct { double early, beyond; } Spread;
 static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, int64_t unit, const double *scales) {
-    const int64_t n = a->n, few = one->steps / unit, many = other->steps / unit,
-                  middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
+    const int64_t n = a->n, few = one->steps / unit, many = other->steps / unit, parts = shared_parts(one, other), last = other->ended.last,
+                  middle = (parts + 1) / 2, first = (parts + 1) / EARLIEST > 1 ? (parts + 1) / EARLIEST : 1;
     double most[n], largest = 0, least = INFINITY;
     memset(most, 0, n * sizeof(double));
-    for (int64_t k = 0; k <= unit; k++) {
+    for (int64_t k = 0; k <= parts; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
             largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
@@ -140,7 +177,11 @@ static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *oth
             least = expected < least ? expected : least;
         }
     }
-    return (Spread){least, beyond_shared(&(Shared){n, 3 * n, other->steps + 1, many, unit, other->rows, 0}, most)};
+    const int timed = ends_early(&a->search);
+    double times[timed ? last + 1 : 1];
+    if (timed) set_times(times, &other->ended, a->t0, a->duration / other->steps);
+    const Shared shared = {n, 3 * n, last + 1, many, parts + 1, other->rows, timed ? times : 0};
+    return (Spread){middle ? least : largest, last < 2 ? 1 : beyond_shared(&shared, most)};
 }
 
 /* What passages make of last digits where they magnify them by so much, whole where that is below what is wanted. */
@@ -162,12 +203,15 @@ static double by_round_off(const Refined *a, const Attempt *run, double wanted, 
     const Limits *const l = a->limits;
     double start[2 * a->n], most = 0;
     Refined late = *a;
+    double zeros[ends_early(&a->search) ? a->search.room * ZERO_SIZE(a->n) : 1];
+    late.search.zeros = zeros;
     Attempt other = {0};
     for (int64_t way = 0; way < (int64_t)l->ways; way++) {
         set_other_digits(a->n, a->start, way, start), late.duration = nextafter(a->duration, way ? -INFINITY : INFINITY);
         if (!try_from(&late, start, a->opening + 2 * a->n, a->t0, wanted, run->steps, run->steps, 1, &other) || other.lost) most = INFINITY;
+        if (most < INFINITY && ends_early(&a->search) && !search(&late, &other)) most = INFINITY;
         if (!(most < INFINITY)) break;
-        const double apart = l->parted * apart_from(a, run, 1, &other, 1, scales);
+        const double apart = l->parted * seen_apart(a, run, 1, &other, 1, scales);
         most = !(apart <= most) ? apart : most;
         if (most < l->far_below * estimate || (a->tol < most && most <= estimate)) break;
     }
@@ -199,25 +243,27 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
                            const double *of_coordinates) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, unit = common_divisor(before->steps, now->steps), few = 3 * n * (before->steps / unit),
-                  each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts;
+                  each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts,
+                  all = shared_parts(before, now);
     double scales[2 * n], largest = 0, last = 0, here = 0, made = 0;
     for (int64_t d = 0; d < n; d++) {
         scales[d] = of_coordinates[d], scales[n + d] = 0;
-        for (int64_t k = 0; k <= now->count; k++) {
+        for (int64_t k = 0; k <= now->ended.last; k++) {
             const double p = fabs(now->rows[3 * n * k + n + d]);
             scales[n + d] = p > scales[n + d] ? p : scales[n + d];
         }
         if (!(scales[n + d] > 0)) scales[n + d] = INFINITY;
     }
-    for (int64_t k = 1; k <= unit; k++) {
+    for (int64_t k = 1; k <= all; k++) {
         const double apart = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
         largest = apart > largest ? apart : largest;
     }
     int64_t k = 0;
+    if (!all) return 0;
     do last = here, k++, here = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
-    while (k < unit && here < l->part_of_it * largest);
+    while (k < all && here < l->part_of_it * largest);
     if (!(here > l->at_once * last)) return 0;
-    const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
+    const int64_t end = k < all ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
     Attempt fine = {0};
     const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
     const double *const node = now->rows + many * (k - 1);
@@ -235,7 +281,7 @@ static double extent_of(const Refined *a, const Attempt *run, const double *scal
     double size = 1;
     for (int64_t d = 0; d < n; d++) {
         double most = 0;
-        for (int64_t k = 0; k <= run->count; k++) {
+        for (int64_t k = 0; k <= run->ended.last; k++) {
             const double x = fabs(run->rows[3 * n * k + d]);
             most = x > most ? x : most;
         }
@@ -247,7 +293,7 @@ static double extent_of(const Refined *a, const Attempt *run, const double *scal
 /* Whether the energy is clearly that of the start and the work of forces, which `fine` shows too where motions begin: so many
    parts of the first steps. `t`, `room`: times of both, and twice as many numbers. */
 static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
-    const int64_t nodes = run->count + 1, more = fine->count + 1;
+    const int64_t nodes = run->ended.last + 1, more = fine->ended.last + 1;
     const Balance b = {a->rows, a->balance, a->c, a->n, a->held ? 2 * a->n : a->n, 0, a->limits->missed};
     double *const energy = room, *const power = energy + nodes + more, largest = 0, given = 0;
     if (!set_energies(&b, fine->rows, more, t + nodes, 0, energy + nodes, power + nodes)) return 0;
@@ -273,7 +319,7 @@ static int look_at_forces(const Refined *a, const Attempt *run, const double *t,
     double *const q = room, *const v = q + n * steps, *const at = v + n * steps, *const force = at + steps, *const mass = force + n * steps;
     for (int64_t i = first; i < last; i++) {
         for (int64_t k = 0; k < steps; k++) {
-            const int64_t step = k * run->count / steps;
+            const int64_t step = k * run->ended.last / steps;
             const double *const here = run->rows + 3 * n * step, h = t[step + 1] - t[step];
             at[k] = t[step] + a->looks[i] * h;
             for (int64_t d = 0; d < n; d++) {
@@ -325,7 +371,7 @@ static double error_of(const Refined *a, int64_t d, double left, const double *s
 
 /* Whether bounds for many steps at once do so already. */
 static int shows_at_once(const Refined *a, const Attempt *run, const double *t, const double *scales, double *room) {
-    const int64_t n = a->n, steps = run->count, groups = a->groups < steps ? a->groups : steps, some = a->sampled < steps ? a->sampled : steps;
+    const int64_t n = a->n, steps = run->ended.last, groups = a->groups < steps ? a->groups : steps, some = a->sampled < steps ? a->sampled : steps;
     double *const q_low = room, *const q_high = q_low + n * groups, *const v_low = q_high + n * groups, *const v_high = v_low + n * groups,
            *const begin = v_high + n * groups, *const end = begin + groups, *const low = end + groups, *const high = low + n * groups,
            *const down = high + n * groups, *const up = down + n * groups, *const longest = up + n * groups, *const largest = longest + groups,
@@ -373,7 +419,7 @@ static int shows_at_once(const Refined *a, const Attempt *run, const double *t, 
 
 /* Whether bounds rule out that forces bend sharply within a step, as `missed_impulse` asks at a few places and then at all. */
 static int shows_forces(const Refined *a, const Attempt *run, const double *t, const double *scales, double *room) {
-    const int64_t n = a->n, steps = run->count;
+    const int64_t n = a->n, steps = run->ended.last;
     double *const largest = room, *const bound = largest + n * steps, *const usual = bound + 4 * n * steps, *const rest = usual + n * steps;
     double *const low = bound, *const high = low + n * steps, *const down = high + n * steps, *const up = down + n * steps;
     const double total = fabs(t[steps] - t[0]);
@@ -402,18 +448,14 @@ static int shows_forces(const Refined *a, const Attempt *run, const double *t, c
     return 0;
 }
 
-static void set_times(const Refined *a, const Attempt *run, double *t) {
-    for (int64_t k = 0; k <= run->count; k++) t[k] = a->duration / run->steps * (double)k + a->t0;
-}
-
 /* What nodes do not tell by their differences alone. */
 static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *scales) {
-    const int64_t n = a->n, steps = run->count, all = steps + fine->count + 2, looked = a->timed ? (10 * n + 1) * steps + (8 * n + 3) * a->groups : 0;
+    const int64_t n = a->n, steps = run->ended.last, all = steps + fine->ended.last + 2, looked = a->timed ? (10 * n + 1) * steps + (8 * n + 3) * a->groups : 0;
     if (a->timed && !(a->push && a->bounds)) return 1;
     double few[SHORT], *const t = memory_for(all + (looked > 2 * all ? looked : 2 * all), few, few);
     if (!t) return 1;
     double *const room = t + all;
-    set_times(a, run, t), set_times(a, fine, t + steps + 1);
+    set_times(t, &run->ended, a->t0, a->duration / run->steps), set_times(t + steps + 1, &fine->ended, a->t0, a->duration / fine->steps);
     const int sure = balanced(a, run, fine, parts, t, room) && (!a->timed || shows_at_once(a, run, t, scales, room) || shows_forces(a, run, t, scales, room));
     give_up(t, few);
     return !sure;
@@ -424,21 +466,22 @@ int refined(const Refined *a) {
     double memory[2][SHORT];
     Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room)};
     int result = NOT_SHORT, two = 0, stalls = 0;
-    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
+    double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
         const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
-        if (repeated > a->tol || !try_run(a, wanted, steps, steps, two ? 1 : l->coarser, &now)) goto end;
+        if (repeated > a->tol || !try_whole(a, wanted, steps, ends, two ? 1 : l->coarser, &now)) goto end;
         runs++;
+        ends = is_cut(&now.ended) ? now.ended.end : INFINITY;
         if (now.lost) {
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
         }
         if (two) {
-            const int64_t unit = common_divisor(before.steps, steps);
-            set_scales(&measures, now.rows, 3 * a->n, steps, scales);
-            const double seen = apart_from(a, &before, before.steps / unit, &now, steps / unit, scales);
+            const int64_t unit = common_divisor(before.steps, steps), together = shared_parts(&before, &now);
+            set_scales(&measures, now.rows, 3 * a->n, now.ended.last, scales);
+            const double seen = seen_apart(a, &before, before.steps / unit, &now, steps / unit, scales);
             const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
             stalls = off <= l->stalled * last ? 0 : stalls + 1;
             if (seen != seen || stalls > (int)l->patience) break;
@@ -450,7 +493,7 @@ int refined(const Refined *a) {
             double order = l->least_order;
             if (last < l->tells) {
                 const double drop = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
-                if (unit >= (int64_t)l->shared) order = drop < shown ? drop : shown;
+                if (together >= (int64_t)l->shared) order = drop < shown ? drop : shown;
                 shown = drop;
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
@@ -478,16 +521,18 @@ int refined(const Refined *a) {
                 if (!(grown <= a->tol)) break; /* it is told elsewhere that it is out of reach */
                 estimate = estimate > grown ? estimate : grown;
             }
-            if (off < l->no_digits && estimate <= a->tol) {
+            if (off < l->no_digits && estimate <= a->tol && (together >= CUT_SHARED || !is_cut(&now.ended))) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
                 if (!try_run(a, wanted, parts * steps, parts * few, l->coarser, &before)) goto end; /* no answer either */
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;
+                if (a->search.sought && !ends_early(&a->search) && !search(a, &now)) goto end;
                 result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
-                double *const rows = handed_over(now.rows, now.own, a->n, steps + 1, 2, &a->room);
-                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows};
+                double *const rows = handed_over(now.rows, now.own, a->n, now.ended.last + 1, 2, &a->room);
+                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows, now.ended.last,
+                                     now.ended.found, INFINITY};
                 now.rows = 0;
                 goto end;
             }

@@ -12,6 +12,7 @@ typedef struct { const void *values, *bounds; int64_t direction; } Watched;
 typedef struct {
     int (*search)(const Crossings *);
     int (*parts)(const PartsArguments *);
+    const void *scene; /* of that loop */
     int64_t watches, stops, samples; /* expressions; whether the run ends where the first of them does */
     int64_t halvings, most_pieces, iterations, secants, newton;
     double located, pole;
@@ -109,4 +110,98 @@ static int search_along(const Sought *s, const Crossings *of, double h, Course *
     for (int64_t i = s->stops; i < s->watches && status == SEARCHED; i++) status = search_steps(s, of, i, 0, end, h, x);
     x->nodes = last + 1;
     return status;
+}
+
+/* What is looked for along runs for a wanted accuracy. */
+typedef struct {
+    const Sought *sought; /* 0: nothing */
+    const double *speed;  /* v at the start */
+    const void *velocities; /* (q, p, t) to v, where runs have none; else 0 */
+    double *zeros;        /* that are found, as many as there is room for */
+    int64_t room, longest, most; /* steps of a run that is searched as a whole; iterations of a step within it */
+    Typical typical;
+} Search;
+
+/* The last node of a run, the last one that whole steps have made, zeros that were found, and the time of the last node. */
+typedef struct {
+    int64_t last, whole, found;
+    double end;
+} Ended;
+
+/* Steps that a run ends within if it ends where another one did, at this time. */
+static int64_t steps_until(double time, double t0, double h, int64_t steps) {
+    const double few = ceil((time - t0) / h) + 1;
+    return time - time == 0 && few < (double)steps ? (int64_t)few : steps;
+}
+
+static int is_cut(const Ended *run) { return run->whole < run->last; }
+
+static int ends_early(const Search *a) { return a->sought && a->sought->stops; }
+
+static Ended ended_after(int64_t steps, double t0, double h) { return (Ended){steps, steps, 0, h * (double)steps + t0}; }
+
+static void set_times(double *t, const Ended *run, double t0, double h) {
+    for (int64_t k = 0; k < run->last; k++) t[k] = h * (double)k + t0;
+    t[run->last] = run->end;
+}
+
+static Crossings crossings_of(const Sought *s, int (*rows)(const RowsArguments *), const double *c, int64_t n, int64_t most) {
+    return (Crossings){.parts = s->parts, .scene = s->scene, .rows = rows, .c = c, .n = n, .most = most, .halvings = s->halvings,
+                       .most_pieces = s->most_pieces, .iterations = s->iterations, .secants = s->secants, .newton = s->newton,
+                       .located = s->located, .pole = s->pole};
+}
+
+/* Velocities of the nodes of a run, where it has none. */
+static int set_velocities(const Search *a, const Crossings *of, double *rows, int64_t nodes, const double *t, double *room) {
+    const int64_t n = of->n;
+    const RowsArguments asked = {.count = nodes, .c = of->c, .scene = a->velocities, .arguments = {rows, rows + n, t}, .apart = {3 * n, 3 * n, 1},
+                                 .results = {room}, .widths = {n}};
+    if (a->velocities && of->rows(&asked) != DONE) return 0;
+    for (int64_t k = 0; a->velocities && k < nodes; k++) memcpy(rows + 3 * n * k + 2 * n, room + n * k, n * sizeof(double));
+    memcpy(rows + 2 * n, a->speed, n * sizeof(double)); /* a run in pieces has no other velocity there */
+    return 1;
+}
+
+/* What is sought along a run until its last node, whose rows are q, p and v, and the run until there; 0 where it is to be looked
+   for elsewhere. */
+static int search_run(const Search *a, Crossings of, double *rows, double t0, double h, Ended *to) {
+    const Sought *const s = a->sought;
+    const int64_t n = of.n, nodes = to->last + 1;
+    if (to->last > a->longest) return 0;
+    double *const t = malloc((size_t)(nodes * (3 * n + 1)) * sizeof(double)), *const q = t + nodes, *const v = q + n * nodes, *const p = v + n * nodes;
+    if (!t) return 0;
+    set_times(t, to, t0, h);
+    int done = set_velocities(a, &of, rows, nodes, t, v);
+    for (int64_t k = 0; k < nodes; k++) {
+        const double *const node = rows + 3 * n * k;
+        memcpy(q + n * k, node, n * sizeof(double)), memcpy(p + n * k, node + n, n * sizeof(double));
+        memcpy(v + n * k, node + 2 * n, n * sizeof(double));
+    }
+    of.t = t, of.q = q, of.v = v, of.p = p;
+    Course x = {t, q, v, p, a->zeros, nodes, a->room, 0, a->typical};
+    done = done && search_along(s, &of, h, &x) == SEARCHED;
+    free(t);
+    to->found = x.found;
+    if (!done || !s->stops || !x.found || a->zeros[1] != 0) return done;
+    const double *const end = a->zeros + 2;
+    double *const node = rows + 3 * n * (x.nodes - 1);
+    memcpy(node, end + 3, n * sizeof(double)), memcpy(node + n, end + 3 + 2 * n, n * sizeof(double));
+    memcpy(node + 2 * n, end + 3 + n, n * sizeof(double));
+    to->last = x.nodes - 1, to->whole = to->last - 1, to->end = end[0];
+    return 1;
+}
+
+#define TELLING 3 /* nodes of a run whose end tells of the length of its steps (varint/integration/run_distance.py) */
+
+/* How far the ends of two runs are apart by the scales, their times included; infinite where the other one, the finer, ends
+   within its first step. */
+static double ends_apart(int64_t n, const double *one, const Ended *first, const double *other, const Ended *second, const double *scales) {
+    const double *const a = one + 3 * n * first->last, *const b = other + 3 * n * second->last, late = fabs(first->end - second->end);
+    double largest = 0;
+    if (second->last + 1 < TELLING) return INFINITY;
+    for (int64_t d = 0; d < n; d++) {
+        const double off = (fabs(a[d] - b[d]) + late * fabs(b[2 * n + d])) / scales[d];
+        largest = off <= largest ? largest : off;
+    }
+    return largest;
 }

@@ -14,9 +14,8 @@ static void release(Attempt *run);
    middle: those of regular motions grow with the square of time at most. `beyond`: how many times larger it is between the
    nodes that both share. */
 static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early, double *beyond);
-#define ELSEWHERE -2.0
 /* What round-off grows to, the start's included, with which all runs begin alike; less than none where it is looked at
-   elsewhere, ELSEWHERE where the runs are made once more there. */
+   elsewhere. */
 static double by_round_off(const Case *a, const Attempt *run, const Doubt *of);
 /* The number of a rate that steps should follow, since it varies along a run that went astray; less than none: of none. */
 static int64_t varying_rate(const Case *a, const Attempt *run);
@@ -164,7 +163,6 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
             double rounded_to = 0;
             if (likely <= a->tol) rounded_to = grows || l->foreseen > 1 ? likely : 0;
             else if (grows) rounded_to = by_round_off(a, &fine, &(Doubt){wanted, estimate, unseen});
-            if (rounded_to == ELSEWHERE) goto end;
             if (rounded_to < 0) {
                 result = DOUBTED;
                 keep(a, &fine, estimate);

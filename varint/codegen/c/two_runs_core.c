@@ -14,6 +14,8 @@
 #include "found.h"
 #include "look_ahead.h"
 #include "held.h"
+#include "crossings.h"
+#include "sought.h"
 
 #define MOST_RATES 2
 #define LAST_DIGIT 0x1p-52 /* of the energy */
@@ -52,6 +54,7 @@ typedef struct {
     int (*open)(double h);   /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
     const double *opening;
     int64_t opens;
+    Search search;
 } TwoRuns;
 typedef TwoRuns Case;
 
@@ -59,6 +62,7 @@ typedef struct {
     Seen seen;
     double *rows, *own, iterations, residual;
     int64_t nodes; /* that are there */
+    Ended ended;
 } Attempt;
 #include "two_runs.h"
 
@@ -77,11 +81,18 @@ static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, S
     seen->hidden = whole / moving[many / 2];
 }
 
+/* Looks for what is sought along a run. */
+static int search(const TwoRuns *a, Attempt *run) {
+    const Crossings of = crossings_of(a->search.sought, a->rows, a->c, a->n, a->search.most);
+    return search_run(&a->search, of, run->rows, a->t0, a->duration / run->seen.steps, &run->ended);
+}
+
 /* A part whose iteration contracts poorly is none, nor is a run that is no longer than the first part of one which is
    watched. Held runs that fail, or may pass over a fold, are looked at elsewhere. */
 static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to) {
     const Limits *const l = a->limits;
-    const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
+    const int64_t n = a->n, all = steps / part > 1 ? steps / part : 1,
+                  count = ends_early(&a->search) ? steps_until(a->found->ends, a->t0, a->duration / steps, all) : all;
     if (count > a->longest || (a->held && part > 1)) return 0;
     const int64_t looked = 2 * (int64_t)l->samples, samples = 2 * (count < looked ? count + 1 : looked) + 8,
                   told = 3 * n + sizeof(RunStats) / sizeof(double);
@@ -93,7 +104,7 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     if (a->opens && !a->open(a->duration / steps)) return 0;
     memcpy(carry + 1, a->opening, a->opens * sizeof(double));
     to->seen.steps = steps, to->nodes = 1, to->seen.lost = 0, to->iterations = to->residual = 0;
-    const int64_t seen = watched > 1 ? steps / watched : 0, first = a->pilot < count ? a->pilot : count;
+    const int64_t seen = watched > 1 && !ends_early(&a->search) ? steps / watched : 0, first = a->pilot < count ? a->pilot : count;
     int status = DONE, early = 0, slow = 0;
     for (int64_t k = 0, end; k < count && status == DONE && !early && !slow; k = end) {
         end = count;
@@ -103,7 +114,7 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
             .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
             .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
-            .without_velocities = !a->by_velocity});
+            .without_velocities = !a->by_velocity && !a->search.sought});
         to->iterations += stats->iterations, to->nodes = k + (int64_t)stats->steps + 1;
         if (a->pilot && end == first && to->iterations > l->poor * end) {
             if (part == 1 && end > seen && count >= l->first_part * l->fewest) return 0;
@@ -120,10 +131,15 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
         if (status != DONE || (a->folds && !is_unfolded(&folds, stats))) return 0;
         memcpy(to->rows + 2 * n, a->opening + 2 * n, n * sizeof(double)); /* a run in pieces has no other velocity there */
     }
+    to->seen.lost = status != DONE || slow, to->ended = ended_after(count, a->t0, a->duration / steps);
+    if (ends_early(&a->search) && count > a->search.longest) return 0;
+    if (ends_early(&a->search) && !to->seen.lost) {
+        to->seen.lost = !search(a, to), a->found->ends = is_cut(&to->ended) ? to->ended.end : INFINITY;
+        if (count < all && !is_cut(&to->ended)) return try_run(a, steps, wanted, part, watched, to);
+    }
     a->found->runs++;
-    to->seen.lost = status != DONE || slow;
     if (a->exact) memset(to->seen.swing, 0, sizeof to->seen.swing), to->seen.hidden = 0;
-    else if (!to->seen.lost && !early) energy_errors(a, to->rows, count + 1, &to->seen, room);
+    else if (!to->seen.lost && !early) energy_errors(a, to->rows, to->ended.last + 1, &to->seen, room);
     if (a->held) to->seen.hidden = 0; /* as in other held runs (two_runs.py: energy_errors) */
     return 1;
 }
@@ -131,11 +147,12 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
 static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early, double *beyond) {
     const int64_t n = a->n, unit = common_divisor(one->seen.steps, other->seen.steps), few = one->seen.steps / unit,
                   many = other->seen.steps / unit;
-    const int64_t middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
+    const int64_t mine = one->ended.whole / few, its = other->ended.whole / many, parts = mine < its ? mine : its, last = other->ended.last;
+    const int64_t middle = (parts + 1) / 2, first = (parts + 1) / EARLIEST > 1 ? (parts + 1) / EARLIEST : 1;
     double scales[n], most[n], largest = 0, zero = 0, least = INFINITY;
     memset(most, 0, n * sizeof(double));
-    set_scales(&(Measures){n, a->apart, a->body, a->turns, a->mass}, other->rows, 3 * n, other->seen.steps, scales);
-    for (int64_t k = 0; k <= unit; k++) {
+    set_scales(&(Measures){n, a->apart, a->body, a->turns, a->mass}, other->rows, 3 * n, last, scales);
+    for (int64_t k = 0; k <= parts; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
             zero += off * 0, largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
@@ -145,22 +162,26 @@ static double apart_from(const Case *a, const Attempt *one, const Attempt *other
             least = expected < least ? expected : least;
         }
     }
-    const int64_t nodes = other->seen.steps + 1;
-    const double h = a->duration / other->seen.steps;
-    double times[a->held ? nodes : 1];
-    for (int64_t k = 0; a->held && k < nodes; k++) times[k] = h * (double)k + a->t0;
-    *early = least, *beyond = beyond_shared(&(Shared){n, 3 * n, nodes, many, unit, other->rows, a->held ? times : 0}, most);
+    const int timed = a->held || ends_early(&a->search);
+    double times[timed ? last + 1 : 1];
+    if (timed) set_times(times, &other->ended, a->t0, a->duration / other->seen.steps);
+    *early = middle ? least : largest;
+    *beyond = last < 2 ? 1 : beyond_shared(&(Shared){n, 3 * n, last + 1, many, parts + 1, other->rows, timed ? times : 0}, most);
+    if (ends_early(&a->search)) {
+        const double ends = ends_apart(n, one->rows, &one->ended, other->rows, &other->ended, scales);
+        largest = largest > ends ? largest : ends;
+    }
     return zero == 0 ? largest : NO_NUMBER;
 }
 
-/* From runs whose starts have other last digits. */
+/* From runs whose starts have other last digits; what their loops are told at the start is the same. */
 static double by_round_off(const Case *a, const Attempt *run, const Doubt *of) {
     const int64_t n = a->n;
-    if (a->held && a->limits->ways >= 1) return ELSEWHERE; /* what the loop is told belongs to the start */
     double start[2 * n], most = 0;
     Attempt other = {0};
     TwoRuns parted = *a;
-    parted.start = start;
+    double zeros[ends_early(&a->search) ? a->search.room * ZERO_SIZE(n) : 1];
+    parted.start = start, parted.search.zeros = zeros;
     for (int64_t way = 0; way < (int64_t)a->limits->ways; way++) {
         set_other_digits(n, a->start, way, start);
         double early, beyond, apart = INFINITY;
@@ -218,10 +239,11 @@ end:
 }
 
 static void keep(const Case *a, Attempt *run, double estimate) {
-    const int64_t steps = run->seen.steps;
+    const int64_t steps = run->seen.steps, last = run->ended.last;
+    const int fails = a->search.sought && !a->search.sought->stops && !search(a, run);
     /* held ones are looked at once more */
-    double *const rows = a->held ? run->rows : handed_over(run->rows, run->own, a->n, steps + 1, 2 + a->by_velocity, &a->room);
-    *a->found = (Proved){steps, a->found->runs, estimate, run->iterations, run->residual, rows};
+    double *const rows = a->held ? run->rows : handed_over(run->rows, run->own, a->n, last + 1, 2 + a->by_velocity, &a->room);
+    *a->found = (Proved){steps, a->found->runs, estimate, run->iterations, run->residual, rows, last, fails ? -1 : run->ended.found, INFINITY};
     run->rows = 0;
 }
 
@@ -229,9 +251,9 @@ static void keep(const Case *a, Attempt *run, double estimate) {
 static int is_calm(const TwoRuns *a) {
     if (!a->leaps) return 1;
     const Proved *const found = a->found;
-    double *const room = malloc((2 + 2 * a->n) * (found->steps + 1) * sizeof(double));
+    double *const room = malloc((2 + 2 * a->n) * (found->last + 1) * sizeof(double));
     const Energies own = {a->rows, a->energy, a->c, &a->t0, a->n, a->by_velocity};
-    const int calm = room && leaps_nowhere(&own, a->leaps, found->run, found->steps, found->steps, room);
+    const int calm = room && leaps_nowhere(&own, a->leaps, found->run, found->last, found->last, room);
     free(room);
     return calm;
 }
@@ -239,18 +261,23 @@ static int is_calm(const TwoRuns *a) {
 int two_runs(const TwoRuns *a) {
     double memory[2][SHORT], *own[2];
     for (int i = 0; i < 2; i++) own[i] = a->held ? 0 : own_memory(memory[i], &a->room);
+    a->found->ends = INFINITY;
     const int result = prove(a, (Attempt){.own = own[0]}, (Attempt){.own = own[1]});
+    if ((result == PROVED || result == DOUBTED) && a->found->zeros < 0) {
+        free(a->found->run);
+        return NOT_SHORT;
+    }
     return result == PROVED && !is_calm(a) ? DOUBTED : result;
 }
 
 /* Nodes of the run that was found, where they were too many for the room. */
 typedef struct {
     double *run, *nodes;
-    int64_t n, steps, parts;
+    int64_t n, last, parts;
 } Taken;
 
 int take_run(const Taken *a) {
-    put_nodes(a->run, a->n, a->steps + 1, a->parts, a->nodes);
+    put_nodes(a->run, a->n, a->last + 1, a->parts, a->nodes);
     free(a->run);
     return DONE;
 }
