@@ -107,11 +107,12 @@ def short_call(
         seen = room.seen
         there = room.known
         if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
-            check_steps(t0, duration, 1)
+            if seen is None or seen[2] != duration or seen[3] != t0:
+                check_steps(t0, duration, 1)
             ahead = looked_ahead(system, known, room, begin, t0, c, duration)
-            seen = there, known, duration, *ahead
+            seen = there, known, duration, t0, *ahead
             room.seen = None if there is None else seen
-        _, _, _, pilot, turned = seen
+        _, _, _, _, pilot, turned = seen
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
             rates = known.rates
@@ -201,8 +202,6 @@ def by_the_core(
     now, prove = perf_counter() if low else 0.0, proved_motion()
     at = room.places
     found = prove(made, at, system, c, t0, duration, first, radians, tol, rates[0], began)
-    if type(found) is Trajectory and not low:
-        return found
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
         how = t0, duration, first, radians, tol
