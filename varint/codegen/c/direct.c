@@ -27,8 +27,8 @@ enum Status { PROVED, DOUBTED = 3 };
 /* Fields of Made in varint/integration/even_motion.py, and of Places in varint/codegen/two_runs.py */
 enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
-enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, NAMES };
-static const char *const spelt[NAMES] = {"system", "q", "p", "v", "h", "c", "origin", "_make", "copy"};
+enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "q", "p", "v", "h", "c", "origin", "_make", "copy", "__dict__"};
 static PyObject *names[NAMES];
 
 #define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)
@@ -120,7 +120,7 @@ static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObjec
         put(known, H_NAME, PyFloat_FromDouble(asked->duration / (double)found->steps)) && put(known, C_NAME, again(c)) &&
         put(known, ORIGIN_NAME, PyFloat_FromDouble(asked->t0)) && put(known, MAKE_NAME, maker_of(how, asked, found, began))) {
         motion = type->tp_alloc(type, 0);
-        if (motion && PyObject_GenericSetDict(motion, known, 0)) Py_CLEAR(motion);
+        if (motion && PyObject_GenericSetAttr(motion, names[DICT_NAME], known)) Py_CLEAR(motion); /* frozen: not its own way */
     }
     Py_XDECREF(nodes), Py_XDECREF(known);
     return motion;
