@@ -99,23 +99,26 @@ def opening_on(
             raised.append(error)
             return False
 
-    block = np.zeros(SEEN * (1 + 2 * n) + 2 * n)
+    block, node = np.zeros(SEEN * (1 + 2 * n) + 2 * n), np.zeros(1 + 4 * n)
     times, places, momenta, largest = np.split(block, np.cumsum([SEEN, SEEN * n, SEEN * n]))
+    when, at, along, found = np.split(node, np.cumsum([1, n, n]))
+    none = np.zeros(u.size)
+    find_there, there = trigger_on(scale_function(system), (at, along, none, when, h, c), (found,))
 
     def largest_at(count: int) -> bool:
         try:
-            some = (x.reshape(SEEN, -1)[:count] for x in (places, momenta, times))
-            at, along, when = some
-            used = np.zeros(u.size)
-            sizes = over_columns(scale_function(system), at, along, used, when, h, c)[0]
-            largest[:] = sizes.max(axis=0)
-            return True
+            for i in range(count):  # one by one: mostly it is one
+                when[0], some = times[i], slice(n * i, n * (i + 1))
+                at[:], along[:], found[-1] = places[some], momenta[some], math.nan
+                find_there()
+                largest[:] = np.maximum(largest, found) if i else found
+            return not math.isnan(largest[-1])
         except BaseException as error:
             raised.append(error)
             return False
 
     asked, looking = _OPEN(look_for), _SIZES(largest_at)
-    at, looks = (cast(x, c_void_p).value or 0 for x in (asked, looking))  # type: ignore[arg-type]
-    held = one, other, asked, looking, block
+    open_at, looks = (cast(x, c_void_p).value or 0 for x in (asked, looking))  # type: ignore[arg-type]
+    held = one, other, there, asked, looking, block, node
     typical = looks, address_of(block)
-    return Opening(u, h, told, look, opening_for(at, told), typical, raised, held)
+    return Opening(u, h, told, look, opening_for(open_at, told), typical, raised, held)
