@@ -47,12 +47,16 @@ def changed(motion: Any, **changes: Any) -> Any:
     """`replace` of a trajectory in a quarter of the time."""
     own = motion.__dict__
     names = motion.__dataclass_fields__
-    if "_make" in own:
-        for name in names:  # some of them are made at the first look
+    made = "_make" in own  # some of them are made at the first look, of which nodes are other ones
+    later = made and "t" in changes and "k" in changes
+    if made and not later:
+        for name in names:
             if name not in changes:
                 getattr(motion, name)
     other = object.__new__(type(motion))
     kept = {name: own[name] for name in names if name in own}
+    if later:
+        kept["_make"] = own["_make"]
     other.__dict__.update(kept, **changes)
     if motion.system.rays:
         make_nodes_unit(other)
