@@ -61,8 +61,7 @@ TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
 # times as much may iterations leave in a run that no other one came before, which is no answer: the
-# difference to the next one may be some twenty times the wanted error; and in the first steps once
-# more, of which it is less than a thirtieth of that
+# difference to the next one may be some twenty times the wanted error
 COARSER = 30.0
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
@@ -217,8 +216,8 @@ def by_short_refinement(
         by_steps = max(_left(off, ratio, order, rule.order), rounded)
         by_passages = passed_by(steps / first, off, between, tol)
         estimate = max(between * by_steps, by_passages, floor, iterated)
-        # on an order, which may be luck; else the finer run may err by several times `off`
-        counted = not solved and order > LEAST_ORDER
+        # on an order, which may be luck; of two runs alone the finer may err by several times `off`
+        counted = not solved and last < math.inf and math.gcd(before[0], steps) >= SHARED
         if counted and off < NO_DIGITS and estimate <= tol:
             made = made_at_once(before[1], before[0], motion, steps, wanted, off, scales)
             estimate = max(estimate, made)
@@ -231,7 +230,7 @@ def by_short_refinement(
             estimate = max(estimate, grown)
         if off < NO_DIGITS and estimate <= tol:
             few = before_shared(before[0], steps)
-            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted, coarser=COARSER)
+            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted)
             if fine is None:
                 return None
             estimate = max(

@@ -508,8 +508,8 @@ int refined(const Refined *a) {
             estimate = between * (estimate > rounded ? estimate : rounded);
             estimate = estimate > by_passages ? estimate : by_passages, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
-            /* else nothing is counted on but that the finer run errs by less than several times their difference */
-            const int counted = order > l->least_order && !(l->repeated > 0);
+            /* of two runs alone nothing is counted on but that the finer one errs by less than several times their difference */
+            const int counted = last < INFINITY && unit >= (int64_t)l->shared && !(l->repeated > 0);
             if (counted && off < l->no_digits && estimate <= a->tol) {
                 const double at_once = made_at_once(a, &before, &now, wanted, off, scales);
                 estimate = estimate > at_once ? estimate : at_once;
@@ -524,7 +524,7 @@ int refined(const Refined *a) {
             if (off < l->no_digits && estimate <= a->tol && (together >= CUT_SHARED || !is_cut(&now.ended))) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
-                if (!try_run(a, wanted, parts * steps, parts * few, l->coarser, &before)) goto end; /* no answer either */
+                if (!try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;
