@@ -16,7 +16,7 @@ from varint.codegen.kernel import address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.until import Until
 
-_COURSE, _PLACES = struct.Struct("6P3qd"), struct.Struct("2Pq")  # Course, Places
+_COURSE, _PLACES = struct.Struct("6P4qd"), struct.Struct("2Pq")  # Course, Places
 _SWING, _APART = struct.Struct("PqP"), struct.Struct("PqPq2qP")  # the rest of Swing, Apart
 QUANTILES = 5  # of c/order.h
 
@@ -37,6 +37,7 @@ def nearness_of(
     velocity: RowFunction,
     body: np.ndarray,
     turns: np.ndarray,
+    width: int,
     parts: np.ndarray,
     most: tuple[int, int],
     rounded: float,
@@ -46,9 +47,11 @@ def nearness_of(
     Parameters
     ----------
     energy, velocity : RowFunction
-        (q, p, t) → H, |p·v|; v.
+        (q, p, t) → what stays of H, |p·v|; v. The former may be of all that nodes have.
     body, turns : array (n,) of int64
         The first coordinate of each one's body; whether it is an angle.
+    width : int
+        Coordinates of a node, those of the clock among them.
     parts : array
         Which quantiles of energy errors.
     most : tuple of int
@@ -65,7 +68,7 @@ def nearness_of(
     rows = cast(rows_entry(), c_void_p).value or 0  # type: ignore[arg-type]
     arrays = body, turns, parts
     where = (address_of(x) for x in arrays)
-    head = _COURSE.pack(rows, energy.at, velocity.at, *where, len(body), *most, rounded)
+    head = _COURSE.pack(rows, energy.at, velocity.at, *where, len(body), width, *most, rounded)
     return Nearness(swing, apart, head, (energy, velocity, *arrays))
 
 

@@ -132,6 +132,12 @@ def physical_states(found: Until, own: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+def clock_momenta(found: Until) -> np.ndarray:
+    """The last momentum of every node."""
+    _, n, _, count, kept, _, _, _ = found
+    return _array((count,), _FLOAT, kept, (24 + 8 * n) * count + 8 * (n - 1), (8 * n,))
+
+
 def asked_of(
     start: tuple[int, int],
     h: float,

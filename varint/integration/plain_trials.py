@@ -12,6 +12,7 @@ import numpy as np
 from varint.discrete.composed import steps_by_gauss
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.energy_check import energies_along, energies_by_velocity
+from varint.integration.energy_quantiles import QUANTILES
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.linear_run import (
     TOLD,
@@ -28,7 +29,6 @@ from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.trajectories import Run, with_stats
 from varint.integration.two_runs import (
     FLOOR,
-    QUANTILES,
     SAME_STEP,
     SAMPLES,
     SLOW,

@@ -7,8 +7,10 @@ import math
 import numpy as np
 
 import varint.integration.round_off as limited
+import varint.integration.shown_order as shown
 import varint.integration.two_runs as decided
 from varint.integration.compiled_loop import POOR
+from varint.integration.energy_quantiles import QUANTILES
 from varint.integration.problem import LEVEL
 from varint.integration.rule_choice import SECULAR
 
@@ -22,6 +24,8 @@ _NAMES = (
     *("SAME_ROUNDING", "SAME_CHANCE", "SAME_STEP"),
 )
 
+_SHOWN = shown.CAUTION, shown.LESS, shown.NEARLY, shown.LEAST_ORDER, shown.TELLS
+
 
 def proof_limits(
     attempts: int = decided.ATTEMPTS,
@@ -30,11 +34,13 @@ def proof_limits(
     foreseen: float = 1.0,
     hopeless: float = math.inf,
     ways: int = limited.WAYS,
+    pairs: int = 1,
 ) -> np.ndarray:
     """Those of runs whose `Course` has these numbers, given up where round-off makes so many times
-    what is wanted; in how many ways the last digits of their start may be others.
+    what is wanted; in how many ways the last digits of their start may be others; how many
+    differences show an error.
     """
     own = {"ATTEMPTS": attempts, "WATCHED": watched, "WAYS": ways}
     known = vars(limited) | vars(decided) | own
-    others = POOR, SECULAR, LEVEL, closer, foreseen, hopeless
-    return np.array([*(float(known[x]) for x in _NAMES), *others, *decided.QUANTILES])
+    others = POOR, SECULAR, LEVEL, closer, foreseen, hopeless, pairs, decided.BY_CHANCE, *_SHOWN
+    return np.array([*(float(known[x]) for x in _NAMES), *others, *QUANTILES])

@@ -35,6 +35,7 @@ from varint.integration.run_distance import (
     with_early,
 )
 from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
+from varint.integration.shown_order import CAUTION, LEAST_ORDER
 from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
     EVIDENCE,
@@ -53,9 +54,7 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
-CAUTION = 0.75  # of the order that was seen is counted on
 SPARE = 1.1  # more steps than the estimate asks for
-LEAST_ORDER = 0.5  # is counted on whatever runs show
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
@@ -65,6 +64,8 @@ RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
 # a run that went astray, or which rate varies along it → the choice with steps that follow the
 # scene, where it asks for them
 Varying = Callable[[Trajectory | int], Choice | None]
+# steps of a run over forces beyond which it is seen whether a rate varies along it, once
+FOLLOWED = 4096
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -96,7 +97,7 @@ def refine(
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
     s = system.structure
-    free = not (s.nonholonomic or system.rays)
+    free, followed = not (s.nonholonomic or system.rays), False
 
     def begun(steps: int, motion: Trajectory, known: float) -> float:
         if not (free and growth > GROWS):
@@ -119,6 +120,10 @@ def refine(
             before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
             shown = math.inf
             continue
+        if forced and varying and not followed and steps >= FOLLOWED:
+            followed, found = True, varying(motion)
+            if found:
+                return replace(found, runs=found.runs + runs)
         if before is None:
             before, steps = (steps, motion), 2 * steps
             continue

@@ -7,6 +7,7 @@ steps as a small oscillation takes, and what is not clear after a few of them is
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -28,7 +29,7 @@ from varint.integration.narrow_places import (
 )
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
-from varint.integration.refinement import CAUTION, LEAST_ORDER, NO_DIGITS
+from varint.integration.refinement import FOLLOWED, NO_DIGITS, Varying
 from varint.integration.round_off import (
     GROWS,
     growth_of,
@@ -49,6 +50,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.second_looks import TRANSIENT_PARTS, before_shared
+from varint.integration.shown_order import CAUTION, LEAST_ORDER, TELLS, part_left
 from varint.integration.two_runs import FLOOR, LEFT, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
 from varint.results.trajectory import Trajectory
@@ -57,9 +59,7 @@ from varint.scene.system import System
 
 RUNS = 8  # after which it is given up
 PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
-TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
-LESS = 0.5  # of the order is counted on where runs have nearly as many steps
 # times as much may iterations leave in a run that no other one came before, which is no answer: the
 # difference to the next one may be some twenty times the wanted error
 COARSER = 30.0
@@ -76,6 +76,7 @@ def by_short_refinement(
     scale: object,
     backend: str,
     began: float | None = None,
+    varying: Varying | None = None,
 ) -> Choice | None:
     """The choice that runs with more and more steps prove; None where they do not soon.
 
@@ -83,7 +84,7 @@ def by_short_refinement(
     ----------
     system : System
         One of `has_plain_trials`, without forces that jump.
-    rule, start, tol, radians, scale, backend
+    rule, start, tol, radians, scale, backend, varying
         As in `choose_steps`.
     """
     began = perf_counter() if began is None else began
@@ -181,6 +182,10 @@ def by_short_refinement(
         if before is None:
             before, steps = (steps, motion), round(ratio * steps)
             continue
+        if varying and steps >= FOLLOWED:
+            followed, varying = varying(plain_motion(system, rule, motion, began)), None
+            if followed:
+                return replace(followed, runs=followed.runs + runs)
         scales = scales_by(motion)
         differ = apart(before[1], before[0], motion, steps) / scales
         seen = float(differ.max())
@@ -263,13 +268,8 @@ def refined_first(system: System, rule: Priced, radians: float, tol: float) -> i
 
 
 def _left(apart: float, ratio: float, order: float, best: int) -> float:
-    """Error of the finer of two runs that are so far apart, by the order that runs have shown.
-
-    An order far below the `best`, the rule's, is that of steps that do not resolve the motion yet,
-    and the next one may be another: the lower, the less of it is counted on.
-    """
-    sure = max(order * (order / best), LEAST_ORDER)
-    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * sure)
+    """Error of the finer of two runs that are so far apart, by the order that runs have shown."""
+    counted = part_left(ratio, order, best)
     return apart * counted / (1 - counted)
 
 

@@ -79,7 +79,7 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     prices = priced(rules)
     varies = may_vary(system, rule)
     by_momentum = system.structure.quadratic_kinetic and not held
-    rates = rates_to_follow(system) if varies else [NO_RATES]
+    rates = rates_to_follow(system) if varies and shows_its_error(system) else [NO_RATES]
     loops: list[Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
     return Known(n, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])

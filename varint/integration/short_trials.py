@@ -16,6 +16,7 @@ import varint.integration.refinement as searched
 import varint.integration.round_off as limited
 import varint.integration.second_looks as seconds
 import varint.integration.short_refinement as refined
+import varint.integration.shown_order as shown
 import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import TOLD, place_of
@@ -63,7 +64,7 @@ from varint.scene.system import System
 # in the order of c/refined_core.c; one more stands behind them
 _REFINED = np.array(
     [
-        *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS),
+        *(shown.CAUTION, shown.LESS, shown.LEAST_ORDER, shown.TELLS),
         *(refined.SHARED, decided.STALLED, refined.PATIENCE),
         *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),

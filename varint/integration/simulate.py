@@ -99,8 +99,7 @@ def simulate(
         which the fastest small motions turn in a step, the same number for all scenes (0.5 to 1
         for `gauss(8)`). It takes scenes without constraints whose forces' change depends on
         q alone; where inertia varies, as in polar coordinates, the speed that the start's energy
-        leaves is part of the rate, unless forces or explicit time change it. Scenes that depend on
-        time may have σ(q, t).
+        leaves is part of the rate. Scenes that depend on time may have σ(q, t).
     tol : float, optional
         Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that

@@ -35,6 +35,7 @@ from varint.integration.time_transformation.variable_course import (
 from varint.integration.time_transformation.varying_call import NOT_VARYING
 from varint.integration.tolerance import DEFAULT_TOL, choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample, with_stats
+from varint.integration.two_runs import shows_its_error
 from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -85,7 +86,7 @@ def simulate_to_tolerance(
             if choice is not None:
                 return choice
             how: dict[str, Any] = {"stop": stop, "scale": options.scale, "backend": options.backend}
-            follow = tried != NOT_VARYING and may_vary(system, rule)
+            follow = tried != NOT_VARYING and shows_its_error(system) and may_vary(system, rule)
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)

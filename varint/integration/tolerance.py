@@ -169,7 +169,8 @@ def choose_steps(
         if tried is None and scale is None and mass is not None:
             found = by_short_trials(system, own, start, mass, tol, turned, backend, began)
         if found is None or found == NOT_SHORT:
-            found = by_short_refinement(system, own, start, tol, radians, scale, backend, began)
+            asked = system, own, start, tol, radians, scale, backend, began
+            found = by_short_refinement(*asked, varying)
         if isinstance(found, Choice):
             return found
 

@@ -21,6 +21,7 @@ from varint.integration.energy_check import (
     energies_by_velocity,
     keeps_energy,
 )
+from varint.integration.energy_quantiles import quantiles
 from varint.integration.round_off import (
     CHANCE,
     GROWS,
@@ -33,12 +34,15 @@ from varint.integration.round_off import (
     rounding,
 )
 from varint.integration.rule_choice import iteration_level
+from varint.integration.shown_order import left_by_order
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 ROUGH = 0.01  # error of a coarse run at most, for its difference to say something
 HALF = 4.0  # less than the errors of runs of half the steps: what a coarse run aims at
+# differences below may be round-off, which no order makes less; over forces such an error is told
+BY_CHANCE = 1e-11
 FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 LOST = 0.3  # predicted errors beyond which a run is none
 GAIN = 2.0  # error of the phase over the relative error of the energy times the angle turned
@@ -46,7 +50,6 @@ MARGIN = 8.0  # of the error: predictions are as uncertain, and the proof is a c
 SAFETY = 4.0  # of the measured shrinkage
 SPREAD = 1.5  # of errors between the nodes that two runs share
 EVIDENCE = 30.0  # times its round-off: an energy error that says something
-QUANTILES = (0.25, 0.5, 0.75, 0.9, 1.0)
 MIDDLE = 2  # the index of one of them that a few rough nodes do not touch
 # of the energy errors of two runs: what iterations leave hides it, or the range of the rule is not
 # reached; the finer run is then taken for hardly the better one
@@ -104,7 +107,8 @@ class Course(NamedTuple):
     most, so that one that is lost in the first of them ends there; part of `ROUGH` that iterations
     of a coarse one leave at most; a run with so many steps for a wanted error, from a start with
     other last digits, in one of `WAYS`; whether all steps are one map; how much the first run that
-    is compared expects errors to grow beyond those of regular motions.
+    is compared expects errors to grow beyond those of regular motions; how many differences show
+    an error: where forces act energies do not tell all of it, and a second one shows an order.
     """
 
     trial: Trial
@@ -117,6 +121,7 @@ class Course(NamedTuple):
     parted: Callable[[int, float, int], Attempt | None] | None = None
     exact: bool = False
     foreseen: float = 1.0
+    pairs: int = 1
 
 
 class Proved(NamedTuple):
@@ -158,6 +163,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     clear, doubted = CLEAR, False  # once, for steps may lie in a resonance
     growth = start_growth = between = 1.0
     last, still, short, measured = None, False, False, False
+    compared, apart, ratio = 0, math.inf, 1.0
     other_starts = course.parted is not None and not course.exact
     for _ in range(course.attempts):
         if coarse is None:
@@ -172,11 +178,16 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 continue
             coarse = tried
         finer = _ratio(MARGIN * expected, tol, p, FAR)
-        more = _shared(steps * (max(finer, AGAIN) if last else finer))
+        if compared >= course.pairs:
+            finer = max(finer, AGAIN)
+        elif compared < course.pairs - 1:
+            finer = min(finer, AGAIN)
+        more = _shared(steps * finer)
         wanted = tol / max(growth * between, course.foreseen)
         fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
             break
+        previous = apart, ratio
         apart, early, beyond = course.apart(coarse.run, steps, fine.run, more)
         seen = apart, early, coarse.swing[MIDDLE]
         growth, start_growth = max(growth, growth_of(*seen)), max(start_growth, magnified(*seen))
@@ -187,7 +198,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         spread = SPREAD * max(likely, beyond)
         limit = rounding(math.inf, course.radians, more, growth)
         calm = start_growth < GROWS and fine.swing[MIDDLE] < STILL
-        if limit > HOPELESS * tol and calm:
+        if limit > HOPELESS * tol and calm and course.pairs == 1:
             sure = (more / steps) ** (-CAUTION * p)  # energies hide how much smaller errors are
             by_steps = max(spread * apart * sure / (1 - sure), left, floor)
             if by_steps < limit and apart < ROUGH * EVIDENCE:
@@ -203,7 +214,10 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         fewer = before < ROUGH * EVIDENCE and EVIDENCE * before * ratio ** (-CAUTION * p) < apart
         short = still and fewer
         last = Proved(more, fine.run, max(max(CHANCE * beyond, spread) * apart, left, floor), runs)
-        shrinkage = _shrinkage(coarse, fine, ratio, p, course.linear)
+        compared += 1
+        shrinkage = _shrinkage(coarse, fine, ratio, p, course.linear or course.pairs > 1)
+        if shrinkage is not None and compared > 1 and course.pairs > 1:
+            shrinkage = max(shrinkage, left_by_order(previous, apart, ratio, p, FLOOR))
         if (short or apart > STALLED * before) and rounded > tol:
             break
         if shrinkage is None:
@@ -216,7 +230,9 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         unseen = growth >= GROWS and rounded > tol and other_starts and not measured
         by_steps = spread * apart * shrinkage / (1 - shrinkage)
         shown = max(by_steps, 0.0 if unseen else beyond * rounded, floor)
-        if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
+        if course.pairs > 1:
+            shown = max(shown, min(apart, tol, BY_CHANCE))
+        if compared >= course.pairs and apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
             likely = likely_rounding(course.radians, more, start_growth) * beyond
             regular = start_growth < GROWS
@@ -285,18 +301,6 @@ def attempt_by_energies(run: Any, energy: np.ndarray, moving: np.ndarray) -> Att
     whole, swing = LAST_DIGIT * abs(energy.item(0)), quantiles(energy, moving)
     size = moving.item(len(moving) // 2)
     return Attempt(run, swing, whole / size if size > 0 else 0.0)
-
-
-def quantiles(energy: np.ndarray, moving: np.ndarray) -> list[float]:
-    """`energy_errors` of energies and |p·v| at nodes; they are overwritten."""
-    energy -= energy[0]
-    error = np.abs(energy, out=energy)[1:]
-    error.sort()
-    moving.sort()
-    last, size = len(error) - 1, moving.item(len(moving) // 2)
-    if not (math.isfinite(error.item(last)) and size > 0):  # no number is the last one
-        return [math.inf] * len(QUANTILES)
-    return [error.item(round(part * last)) / size for part in QUANTILES]
 
 
 def _expected(course: Course, tried: Attempt | None) -> float:

@@ -2,10 +2,11 @@
 /* varint/codegen/nearness.py has the same layouts */
 typedef struct {
     int (*rows)(const RowsArguments *);
-    const void *energy, *velocity; /* (q, p, t) to the energy and |p v|; to v */
+    const void *energy, *velocity; /* (q, p, t) to the energy that stays and |p v|; to v */
     const int64_t *body, *turns;   /* first coordinate of the same body; is it an angle? */
     const double *parts;           /* of quantiles */
-    int64_t n, samples, most;      /* nodes whose energy is looked at, and that are compared, and up to as many more */
+    int64_t n, width, samples, most; /* coordinates, and of a node with those of the clock; nodes whose energy is looked at, and
+                                        that are compared, and up to as many more */
     double rounded;
 } Course;
 

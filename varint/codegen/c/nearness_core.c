@@ -19,14 +19,14 @@ static const double *places(const Kept *a) { return a->kept + 3 * a->nodes; }
 
 int swing(const Swing *a) {
     const Kept *const run = &a->run;
-    const int64_t width = a->on.n + 1, most = run->nodes / a->on.samples, every = most > 1 ? most : 1,
+    const int64_t width = a->on.width, most = run->nodes / a->on.samples, every = most > 1 ? most : 1,
                   many = (run->nodes + every - 1) / every;
     double *const energy = malloc(2 * many * sizeof(double)), *const moving = energy + many;
     if (!energy) return NOT_FINITE;
     const RowsArguments asked = {
         .count = many, .c = a->at.c, .scene = a->on.energy,
         .arguments = {places(run), places(run) + width * run->nodes, times(run)},
-        .apart = {width * every, width * every, 0}, .results = {energy, moving}, .widths = {1, 1}};
+        .apart = {width * every, width * every, every}, .results = {energy, moving}, .widths = {1, 1}};
     const int status = a->on.rows(&asked);
     if (status == DONE) quantiles(energy, moving, many, a->on.parts, a->told);
     free(energy);
@@ -38,7 +38,7 @@ static int64_t parts_of(int64_t nodes, int64_t each) { return (nodes + each - 2)
 /* At nodes of the same fictitious times, whose physical ones differ, and at the ends. */
 int apart(const Apart *a) {
     const Kept *const one = &a->one, *const other = &a->other;
-    const int64_t n = a->on.n, width = n + 1, unit = common_divisor(a->few, a->many), each = a->few / unit, of_other = a->many / unit;
+    const int64_t n = a->on.n, width = a->on.width, unit = common_divisor(a->few, a->many), each = a->few / unit, of_other = a->many / unit;
     const int64_t here = parts_of(one->nodes, each), there = parts_of(other->nodes, of_other), count = here < there ? here : there;
     const int64_t step = count / a->on.most > 1 ? count / a->on.most : 1, looked = (count + step - 1) / step;
     const int64_t i = step * each, j = step * of_other, middle = (looked + 1) / 2,

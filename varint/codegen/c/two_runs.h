@@ -62,10 +62,23 @@ static double shrinkage(const Case *a, const Seen *before, const Seen *after) {
             const double rest = (after->swing[i] > l->rounded ? after->swing[i] : l->rounded) / before->swing[i];
             left = rest > left ? rest : left;
         }
-    if (left < 0) return a->linear ? sure : rounded > l->rounded ? l->not_worse : 0.5;
+    if (left < 0) return a->linear || l->pairs > 1 ? sure : rounded > l->rounded ? l->not_worse : 0.5;
     if (left > l->no_shrinkage) return left < 1 ? l->not_worse : NO_NUMBER;
     left = l->safety * left < 0.5 ? l->safety * left : 0.5;
     return left > sure ? left : sure;
+}
+
+/* The same by the order that a difference shows after the one `before`, of so many times as many steps: part_left. */
+static double left_by_order(const Case *a, double before, double finer, double apart, double ratio) {
+    const Limits *const l = a->limits;
+    const double p = (double)a->order;
+    double order = l->least_order;
+    if (before < l->tells) {
+        const double drop = log((before > l->floor ? before : l->floor) / (apart > l->floor ? apart : l->floor)) / log(finer);
+        order = drop > order ? drop : order, order = order < p ? order : p;
+    }
+    const double lasting = order * (order / p), sure = lasting > l->least_order ? lasting : l->least_order;
+    return pow(ratio, -(ratio >= l->nearly ? l->sure_of_order : l->less_of_order) * sure);
 }
 
 /* Whether energies are round-off, and differences shrink by far less than truncation does. */
@@ -89,7 +102,7 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
     int result = NOT_SHORT, known = 0, compared = 0, doubted = 0, measured = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
     double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1,
-           between = 1;
+           between = 1, previous = INFINITY, ratio = 1; /* the last difference, and of how many times as many steps */
     const double close = l->rough * l->closer, level = rough < close ? rough : close;
     const double alike = a->exact ? l->same_step * (double)a->first : 0, floor = alike > l->floor ? alike : l->floor;
     int64_t steps = shared((double)a->first), rate;
@@ -120,7 +133,8 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
             known = 1;
         }
         double finer = ratio_for(a, l->margin * expected, a->tol, l->far);
-        if (compared && finer < l->again) finer = l->again;
+        if (compared >= (int)l->pairs) finer = finer > l->again ? finer : l->again;
+        else if (compared < (int)l->pairs - 1) finer = finer < l->again ? finer : l->again;
         const int64_t more = shared(steps * finer);
         const double magnifies = growth * between, wanted = a->tol / (magnifies > l->foreseen ? magnifies : l->foreseen);
         double early = 0, beyond = 1;
@@ -136,12 +150,19 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
         between = beyond > between ? beyond : between;
         const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
                      rounded = by_steps_alike(a, more, apart, apart < walk ? apart : walk),
-                     left = shrinkage(a, &coarse.seen, &fine.seen);
+                     more_steps = (double)more / (double)steps;
+        double left = shrinkage(a, &coarse.seen, &fine.seen);
         if (walk > l->hopeless * a->tol) goto end; /* it is shown elsewhere that no steps mend it */
         const int stalls = apart > l->stalled * before;
         if (l->ways < 1 && rounded > a->tol && stays_behind(a, &coarse.seen, &fine.seen, before, apart)) goto end; /* as elsewhere */
         if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
         const int shrinks = left == left;
+        compared++;
+        if (shrinks && compared > 1 && l->pairs > 1) {
+            const double by_order = left_by_order(a, previous, ratio, apart, more_steps);
+            left = by_order > left ? by_order : left;
+        }
+        previous = apart, ratio = more_steps;
         if (!shrinks) {
             expected = expected_of(a, &fine.seen), expected = apart > expected ? apart : expected;
             if (doubted || !(expected <= l->lost)) break;
@@ -153,10 +174,14 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
         double shown = spread * apart * left / (1 - left);
         const double of_rounding = beyond * rounded;
         shown = shown > of_rounding || unseen ? shown : of_rounding, shown = shown > floor ? shown : floor;
+        if (l->pairs > 1) {
+            double told = apart < a->tol ? apart : a->tol;
+            told = told < l->by_chance ? told : l->by_chance, shown = shown > told ? shown : told;
+        }
         const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth * beyond;
         double estimate = shown > iterated ? shown : iterated;
         const int near = apart < l->rough * l->evidence;
-        if (shrinks && near && estimate <= a->tol) {
+        if (shrinks && near && compared >= (int)l->pairs && estimate <= a->tol) {
             const double turns = a->radians > (double)more ? a->radians : (double)more;
             const double likely = l->chance * l->rounding * turns * sqrt((double)more) * start_growth * beyond;
             const int grows = start_growth >= l->grows;
@@ -176,7 +201,6 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
                 goto end;
             }
         }
-        compared = 1;
         const Attempt older = coarse;
         coarse = fine, fine = older;
         steps = more;

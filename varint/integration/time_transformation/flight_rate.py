@@ -20,12 +20,14 @@ from varint.integration.time_transformation.local_rate import (
     SLOWEST_RATE,
     LocalRate,
     gyration,
+    rate_of_others,
     rate_of_potential,
     root_of,
 )
 from varint.integration.time_transformation.metric_rate import metric_rate
 from varint.integration.time_transformation.potential_terms import (
     Term,
+    constants_of,
     potential_of,
     potential_terms,
 )
@@ -38,6 +40,7 @@ INITIAL_ENERGY = ca.SX.sym("initial energy")
 # values of a form at which its term is looked at: of all units that anyone takes
 SIZES = np.logspace(-30, 30, 61)
 CHANGE = 0.5  # of the rate by that of the force: its square is as V'
+LEFT = 0.1  # of the potential: a kinetic energy at least where that of the start's level is unsure
 POWER = -1.5  # s V''/V' of 1/r, for which any power of a distance is taken
 SAME = 1e-9
 
@@ -48,8 +51,9 @@ def flight_rate(system: System) -> LocalRate:
     s = system.structure
     if s.constraints or s.nonholonomic or not s.quadratic_kinetic:
         return LocalRate(None, "∂a/∂q depends on more than coordinates")
-    if not keeps_energy(system):
-        return LocalRate(None, "forces or explicit time change the energy, and with it the speed")
+    if ca.depends_on(system.mass_matrix, system.t):
+        return LocalRate(None, "the mass matrix depends on time")
+    others = rate_of_others(system)
     if not s.constant_mass:
         change = metric_rate(system)
         if change is None:
@@ -57,17 +61,20 @@ def flight_rate(system: System) -> LocalRate:
         a = mass_solve(system.mass_matrix, ca.hessian(potential_of(system), system.q)[0])
         inertial = TWICE_KINETIC * change  # under the root: it is smooth where ∂²V/∂q² vanishes
         whole = ca.sum1(ca.vec(a * a.T)) + inertial**2
-        return LocalRate(root_of(whole, system) + gyration(system))
+        return LocalRate(root_of(whole, system) + gyration(system) + others)
     turn = gyration(system)
     change = _of_terms(system) + _of_gyration(system, turn)
     if change.is_zero():
         return LocalRate(None, "no force becomes larger on the way to a point or in a field")
-    return LocalRate(rate_of_potential(system) + turn + TWICE_KINETIC * change)
+    return LocalRate(rate_of_potential(system) + turn + TWICE_KINETIC * change + others)
 
 
 def kinetic_at(system: System) -> ca.SX:
-    """2T of q and c on the level of `INITIAL_ENERGY`."""
-    return 2 * (INITIAL_ENERGY + potential_of(system))
+    """2T of q and c on the level of `INITIAL_ENERGY`; roughly where it changes, and positive."""
+    here = INITIAL_ENERGY + potential_of(system)
+    if keeps_energy(system):
+        return 2 * here
+    return 2 * ca.sqrt(here**2 + (LEFT * potential_of(system)) ** 2)
 
 
 def _of_gyration(system: System, turn: ca.SX) -> ca.SX:
@@ -99,10 +106,12 @@ def _changes(system: System, terms: list[Term]) -> list[ca.SX | None]:
     """
     s = ca.SX.sym("s")
     each = [ca.substitute(x.s * x.second / x.first, x.s, s) for x in terms]
-    f = ca.Function("changes", [s, system.c], [ca.vertcat(*each)])
+    constants = constants_of(system)
+    f = ca.Function("changes", [s, constants], [ca.vertcat(*each)])
     sizes = np.concatenate((-SIZES, SIZES))
     with np.errstate(all="ignore"):
-        tried = f(sizes[None], system.default_vector).full()
+        given = np.append(system.default_vector, [1.0] * (not system.structure.autonomous))
+        tried = f(sizes[None], given).full()
     found: list[ca.SX | None] = []
     for x, y in zip(terms, tried, strict=True):
         known = y[np.isfinite(y) & (x.linear | (sizes > 0))]

@@ -30,6 +30,7 @@ from varint.integration.time_transformation.potential_terms import (
     potential_of,
     potential_terms,
 )
+from varint.integration.time_transformation.time_signals import signals_of
 from varint.numerics.places import normal_numbers, uniform_numbers
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -60,7 +61,9 @@ class LocalRate:
 
 @per_system
 def local_rate(system: System) -> LocalRate:
-    """ω(q)² = Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½ − ½ tr B² over the terms V_k of the potential."""
+    """ω(q)² = Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½ − ½ tr B² over the terms V_k of the potential, and what
+    forces and signals in time add.
+    """
     s = system.structure
     if s.constraints or s.nonholonomic:
         return LocalRate(None, "constraints take part in ∂a/∂q")
@@ -69,9 +72,7 @@ def local_rate(system: System) -> LocalRate:
     turn = ca.jacobian(system.momentum, system.q)
     if ca.depends_on(turn, ca.vertcat(system.q, system.v)):
         return LocalRate(None, "∂a/∂q depends on velocities (a magnetic field that varies)")
-    total = rate_of_potential(system) + gyration(system)
-    if s.forced:
-        total += rate_of_force(system)
+    total = rate_of_potential(system) + gyration(system) + rate_of_others(system)
     if not ca.depends_on(total, ca.vertcat(system.q, system.t)):
         return LocalRate(total, "∂a/∂q is constant: variable steps would change nothing")
     return LocalRate(total)
@@ -85,14 +86,21 @@ def gyration(system: System) -> ca.SX:
     return -ca.trace(spin @ spin) / 2
 
 
-def rate_of_force(system: System) -> ca.SX:
-    """‖M⁻¹ ∂F/∂q‖ at rest and ½ ‖M⁻¹ ∂F/∂v‖² of a force that is linear in v, whose norms are those
-    that no linear change of coordinates alters; what else it does with v is no function of q.
+def rate_of_others(system: System) -> ca.SX:
+    """Of forces ‖M⁻¹ ∂F/∂q‖ at rest, and ½ ‖M⁻¹ ∂F/∂v‖² where they are linear in v, by norms that
+    no linear change of coordinates alters; what else they do with v is no function of q. And the
+    square of the rate of signals in time.
     """
+    found, beat = ca.SX(0), signals_of(system).rate
+    if beat is not None:
+        found += beat**2
+    if not system.structure.forced:
+        return found
     still = ca.SX.zeros(system.structure.n)
     pushed = ca.jacobian(ca.substitute(system.force, system.v, still), system.q)
     damped = ca.jacobian(system.force, system.v)
-    found = root_of(_square_norm(system, pushed), system) if pushed.nnz() else ca.SX(0)
+    if pushed.nnz():
+        found += root_of(_square_norm(system, pushed), system)
     if damped.nnz() and not ca.depends_on(damped, system.v):
         found += _square_norm(system, damped) / 2
     return found

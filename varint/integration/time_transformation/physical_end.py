@@ -29,6 +29,10 @@ CAREFUL = 0.95  # of the steps that this rate asks for, so that the end is not p
 # more steps than that rate asks for where all are seen: they are cheaper than another look
 MARGIN = 1.02
 REACHED = 1e-9  # of the duration: its end is located
+# steps after which a chunk of them that passes less than a part of what is left of the duration is
+# the last one: the motion comes to where it has no end of turns, and no run leads farther
+MANY, HARDLY = 2**16, 1e-4
+TOO_FAST = "bodies collide there, or turn around each other ever faster"
 OFF_LEVEL = 0.1  # of the largest kinetic energy: the motion is another one
 
 
@@ -54,7 +58,7 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
     """
     problem, every = run.problem, run.problem.save_every
     own = moving_system(run)
-    expected, done, at = problem.steps, 0, None
+    expected, done, passed, at = problem.steps, 0, 0.0, None
     ahead: float = expected
     while True:
         count, each = next_steps(ahead, done, every), every
@@ -84,6 +88,10 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
         # does the clock stand still where σ vanishes?
         if done > PATIENCE * (expected + FIRST_CHUNK):
             require_level(scene, run, trajectory_of(run, run.nodes))
+        if done > MANY and abs(clock - passed) < HARDLY * abs(total - clock):
+            so_far = trajectory_of(run, run.nodes)
+            raise _lost(f"time hardly goes on after t = {clock:g}: {TOO_FAST}", so_far, math.inf)
+        passed = clock
         ahead = steps_ahead(total, clock, done)
 
 

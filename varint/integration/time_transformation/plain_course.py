@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.kernel import address_of
-from varint.codegen.rows import at_many_points
-from varint.codegen.until import physical_states, physical_times
+from varint.codegen.rows import RowFunction, at_many_points, row_function_or_none
+from varint.codegen.until import clock_momenta, physical_states, physical_times
 from varint.discrete.legendre import velocity_function
+from varint.integration.energy_check import energies_along, energy_rows
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
@@ -25,6 +26,7 @@ from varint.integration.time_transformation.inner_run import (
 )
 from varint.integration.time_transformation.physical_call import physical_motion
 from varint.integration.time_transformation.transformed_run import Prepared, run_prepared
+from varint.integration.work_bound import keeps_energy
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
@@ -32,11 +34,14 @@ from varint.scene.system import System
 
 
 class PhysicalRun(NamedTuple):
-    """Nodes of a run at physical times, (N + 1,) and (N + 1, n), and what makes its trajectory."""
+    """Nodes of a run at physical times, (N + 1,) and (N + 1, n), the momenta of the clock there,
+    which keep account of the energy where it changes, and what makes the trajectory.
+    """
 
     t: np.ndarray
     q: np.ndarray
     p: np.ndarray
+    account: np.ndarray
     motion: Callable[[], Trajectory]
 
 
@@ -52,7 +57,39 @@ def physical_run(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRu
     if found is not None:
         return found
     motion = run_prepared(prepared, problem)
-    return PhysicalRun(motion.t, motion.q, motion.p, lambda: motion)
+    assert motion.fictitious is not None
+    account = motion.fictitious.p[:, -1]
+    return PhysicalRun(motion.t, motion.q, motion.p, account, lambda: motion)
+
+
+def energies_of_nodes(
+    system: System, c: np.ndarray, run: PhysicalRun, some: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """What stays of the energy at some nodes, and |p·v|."""
+    if keeps_energy(system):
+        return energies_along(system, run.q[some], run.p[some], run.t[:1], c)
+    rows, q, p, t = level_rows(system), run.q[some], run.p[some], run.t[some]
+    account = run.account[some, None]
+    if rows is None:
+        energy, moving = energies_along(system, q, p, t, c)
+        return energy + account[:, 0], moving
+    none = np.zeros_like(account)
+    found = rows.values(c, np.hstack((q, none, none)), np.hstack((p, none, account)), t[:, None])
+    return found[0][:, 0], found[1][:, 0]
+
+
+@per_scene
+def level_rows(system: System) -> RowFunction | None:
+    """(q, p, t) → the same as data; q and p of all that nodes have where the energy changes."""
+    rows = energy_rows(system)
+    if rows is None or keeps_energy(system):
+        return rows
+    n = system.structure.n
+    q, p = ca.vertcat(system.q, ca.SX.sym("of the clock", 2)), ca.SX.sym("p", n + 2)
+    v = velocity_function(system)(system.q, p[:n], system.t, system.c)
+    energy = ca.substitute(system.energy, system.v, v)
+    results = [ca.densify(energy + p[-1]), ca.densify(ca.fabs(ca.dot(p[:n], v)))]
+    return row_function_or_none("energy", [q, p, system.t], system.c, results)
 
 
 def velocities(system: System, c: np.ndarray, nodes: PhysicalRun, some: slice) -> np.ndarray:
@@ -90,6 +127,6 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
     if found is None:
         return None
     seconds = perf_counter() - began
-    own, (_, t) = c[: system.c.numel()], physical_times(found)
+    own, (_, t), account = c[: system.c.numel()], physical_times(found), clock_momenta(found)
     motion = partial(physical_motion, system, called, scene.system, own, (h, c, found, seconds))
-    return PhysicalRun(t, *physical_states(found, system.structure.n), motion)
+    return PhysicalRun(t, *physical_states(found, system.structure.n), account, motion)

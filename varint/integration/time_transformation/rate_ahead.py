@@ -29,6 +29,8 @@ from varint.integration.time_transformation.rate_pilot import (
     rate_of_kind,
     rate_pilot,
 )
+from varint.integration.work_bound import keeps_energy
+from varint.numerics.operations import operations_of
 from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
@@ -48,6 +50,7 @@ FLYING = 0.5
 # times the rate at the start: a sum over terms of the potential, which in a lattice is far above
 # the frequency of any small motion, and tells by its change alone
 FASTER = 2.0
+STEEP = frozenset(("inv", "exp", "log", "pow", "constpow", "tan"))  # operations beside division
 BEYOND = 2.0  # times the duration: a look that leapt so far did not see the motion
 
 
@@ -103,7 +106,7 @@ def _looked_at(system: System, start: np.ndarray, t0: float, c: np.ndarray, tota
     n, frequency, grows = len(start) // 2, 0.0, False
     begin = start[:n], start[n:], t0, c, total
     for flight in kinds_of(system):
-        if flight and not comes_from_afar(system, start, c):
+        if flight and not comes_from_afar(system, start[:n], start[n:], t0, c):
             continue
         seen = glance(system, *begin, flight)
         if seen is None:
@@ -121,7 +124,8 @@ def _looked_at(system: System, start: np.ndarray, t0: float, c: np.ndarray, tota
         if not frequency and duration <= BEYOND * abs(total):
             frequency = (FLYING if flight else 1.0) * largest
             grows = flight or largest > FASTER * first
-    return Ahead(None, frequency if grows else 0.0)
+    # over forces more runs than two tell how many steps to begin with
+    return Ahead(None, frequency if grows and keeps_energy(system) else 0.0)
 
 
 @per_scene
@@ -154,4 +158,24 @@ def _rate_rows(system: System) -> RowFunction | None:
 def kinds_of(system: System) -> tuple[bool, ...]:
     """Which rates the scene has that vary: its own (False), that in flight (True)."""
     both = local_rate(system), flight_rate(system)
-    return tuple(bool(i) for i, rate in enumerate(both) if not rate.reason)
+    found = tuple(bool(i) for i, rate in enumerate(both) if not rate.reason)
+    return found if keeps_energy(system) or any(_has_poles(system, x) for x in found) else ()
+
+
+def _has_poles(system: System, flight: bool) -> bool:
+    """Whether a rate may become large without a large motion: it divides by what coordinates make,
+    or takes exponentials of it. Over forces short motions of other scenes are over in less time
+    than a look ahead takes.
+    """
+    s = system
+    inputs = [s.q, s.v, s.t, s.c]
+    nodes = operations_of(ca.Function("rate", inputs, [rate_of_kind(s, flight)])).nodes
+    moving: list[bool] = []
+    for name, *taken in nodes:
+        if name in ("const", "input"):
+            moving.append(name == "input" and taken[0] < 2)
+            continue
+        moving.append(any(moving[j] for j in taken))
+        if (name == "div" and moving[taken[1]]) or (name in STEEP and moving[-1]):
+            return True
+    return False

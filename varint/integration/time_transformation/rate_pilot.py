@@ -161,12 +161,13 @@ def glance(
     return None if seen is None else seen[:4]
 
 
-def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:
-    """Whether the way from coordinates and velocities `start` may lead so fast to where the rate is
+def comes_from_afar(system: System, q: np.ndarray, v: np.ndarray, t0: float, c: np.ndarray) -> bool:
+    """Whether the way from coordinates and velocities may lead so fast to where the rate is
     another one that ω tells too little: in magnetic fields that vary, which have none, always.
     """
     if local_rate(system).reason:
         return True
+    start = np.concatenate(ahead_from(system, q, v, t0))
     calm, flight = call(_both_rates(system), start, c)[0].tolist()
     return flight > AFAR * calm
 
@@ -174,11 +175,9 @@ def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:
 @per_system
 def _both_rates(system: System) -> ca.Function:
     """(q, v), c → ω and the rate in flight."""
-    at, both = (
-        ca.vertcat(system.q, system.v),
-        [rate_of_kind(system, flight) for flight in (False, True)],
-    )
-    return ca.Function("rates", [at, system.c], [ca.vertcat(*both)], {"cse": True})
+    q, v, _, _ = equations_ahead(system)
+    both = [rate_of_kind(system, flight) for flight in (False, True)]
+    return ca.Function("rates", [ca.vertcat(q, v), system.c], [ca.vertcat(*both)], {"cse": True})
 
 
 @per_system

@@ -7,11 +7,12 @@ import warnings
 from functools import partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from varint.errors import ConvergenceError, VarintError
 from varint.integration.choice import Choice
-from varint.integration.energy_check import energies_along
+from varint.integration.energy_quantiles import quantiles
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.problem import InitialValueProblem, RunOptions, Start
 from varint.integration.rule_choice import (
@@ -23,9 +24,11 @@ from varint.integration.rule_choice import (
     priced,
 )
 from varint.integration.run_distance import TELLING, beyond_shared, with_early
+from varint.integration.second_looks import has_steps
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.plain_course import (
     PhysicalRun,
+    energies_of_nodes,
     physical_run,
     velocities,
 )
@@ -37,6 +40,7 @@ from varint.integration.time_transformation.rate_ahead import (
 )
 from varint.integration.time_transformation.rate_pilot import rate_pilot, rate_varies
 from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
+from varint.integration.time_transformation.time_signals import signals_of
 from varint.integration.time_transformation.transformed_run import (
     Prepared,
     prepare,
@@ -48,16 +52,19 @@ from varint.integration.two_runs import (
     UNRESCUED,
     Attempt,
     Course,
-    quantiles,
     run_twice,
-    shows_its_error,
 )
 from varint.integration.walls import Failure, require_way_on
+from varint.integration.work_bound import keeps_energy
+from varint.numerics.arrays import call
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
+TURNED = 4.0  # of the fastest signal in a step at most, in radians
+# differences that show an error over forces and explicit time: energies tell not all of it there
+PAIRS = 2
 ATTEMPTS = 16  # equal steps, which are left else, would be far more
 # encounters magnify what iterations leave, which no number of steps mends: a coarse run would be
 # lost by that alone, or its energy say that it is
@@ -110,6 +117,8 @@ def choose_varying_steps(
         found = run_twice(own, course, first, tol, FLOOR)
     if found is None:
         return None
+    if not resolves_signals(system, problem.c, found.run.t):
+        return None
     motion = found.run.motion()
     reached = found.estimate <= tol
     return Choice(own, found.steps, motion, found.estimate, found.runs, reached, True, word)
@@ -144,8 +153,9 @@ def may_vary(system: System, rule: Rule | None) -> bool:
     return (
         (rule is None or bool(rule.points))
         and s.n <= MOST_COORDINATES
-        and not (s.controls or s.constraints or s.linear)
-        and shows_its_error(system)
+        and not (s.controls or s.constraints or s.linear or s.contacts or s.degenerate)
+        and (keeps_energy(system) or not (s.nonholonomic or has_steps(system)))
+        and signals_of(system).rate is not None  # pulses are found by equal steps
         and bool(kinds_of(system))
     )
 
@@ -181,15 +191,40 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
 
     apart = partial(apart_by, system, c, scale, ends_early)
     return Course(
-        trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted, foreseen=FORESEEN
+        trial,
+        apart,
+        abs(span),
+        attempts=ATTEMPTS,
+        closer=CLOSER,
+        parted=parted,
+        foreseen=FORESEEN,
+        pairs=pairs_for(system),
     )
+
+
+def pairs_for(system: System) -> int:
+    """How many differences of runs show an error."""
+    return 1 if keeps_energy(system) else PAIRS
+
+
+def resolves_signals(system: System, c: np.ndarray, t: np.ndarray) -> bool:
+    """Whether steps between such times are short for what acts in time."""
+    if not signals_of(system).values.numel():
+        return True
+    (fastest,) = call(_fastest_function(system), c)[0]
+    return bool(np.abs(np.diff(t)).max() * fastest <= TURNED)
+
+
+@per_scene
+def _fastest_function(system: System) -> ca.Function:
+    """c → the rate of the fastest signal."""
+    return ca.Function("fastest", [system.c], [ca.densify(signals_of(system).rate)])
 
 
 def attempt_of(system: System, run: PhysicalRun, c: np.ndarray) -> Attempt:
     """A run with the energy errors of some of its nodes."""
     some = slice(None, None, max(1, len(run.t) // SAMPLES))
-    energy = energies_along(system, run.q[some], run.p[some], run.t[:1], c)
-    return Attempt(run, quantiles(*energy))
+    return Attempt(run, quantiles(*energies_of_nodes(system, c, run, some)))
 
 
 def apart_by(

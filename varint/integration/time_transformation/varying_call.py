@@ -12,21 +12,16 @@ from functools import partial
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
 import varint.codegen.nearness as nearness
 from varint.codegen.cache import CompileError
-from varint.codegen.nearness import Nearness, Places, nearness_of
-from varint.codegen.rows import as_data
+from varint.codegen.nearness import Nearness, Places
 from varint.codegen.two_runs import NOT_SHORT
+from varint.codegen.until import physical_times
 from varint.codegen.varying_runs import Course as VaryingCourse
 from varint.codegen.varying_runs import varying_course, varying_runs
-from varint.integration.energy_check import energy_rows
-from varint.integration.error_scale import angles, bodies
 from varint.integration.gears import kernel_after
 from varint.integration.plain_start import begin_at
 from varint.integration.proof_limits import proof_limits
-from varint.integration.round_off import ROUNDED
 from varint.integration.rule_choice import (
     Priced,
     changes,
@@ -45,22 +40,21 @@ from varint.integration.time_transformation.physical_call import (
     with_other_digits_of,
 )
 from varint.integration.time_transformation.physical_end import FIRST_CHUNK, PATIENCE
-from varint.integration.time_transformation.plain_course import velocity_rows
 from varint.integration.time_transformation.rate_pilot import RatePilot
+from varint.integration.time_transformation.run_nearness import run_nearness
 from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.variable_course import (
     ATTEMPTS,
     CLOSER,
     FORESEEN,
-    MOST_COMPARED,
+    pairs_for,
     prices_for,
+    resolves_signals,
 )
 from varint.integration.two_runs import (
     CHANCE,
     FLOOR,
     HOPELESS,
-    QUANTILES,
-    SAMPLES,
     Attempt,
     Course,
     Proved,
@@ -100,7 +94,7 @@ def varying_call(
     price = prices[cheapest(when, abs(span), tol)]
     word = FLIGHT if pilot.flight else AUTO
     ready = ready_for(system, price.rule, word)
-    looks = _nearness(system)
+    looks = run_nearness(system)
     if ready is None or looks is None:
         return None
     begun = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
@@ -135,6 +129,10 @@ def varying_call(
         "rule": price.rule.name,
         "runs": before + found.runs,
     }
+    if not system.structure.autonomous:
+        _, times = physical_times(found.run[2])
+        if not resolves_signals(system, c, times):
+            return NOT_VARYING
     return physical_motion(system, ready.called, ready.moving, c, found.run, told)
 
 
@@ -219,35 +217,18 @@ def _course(system: System, ready: Ready, begun: BegunStart, asked: Asked) -> Co
         closer=CLOSER,
         parted=parted,
         foreseen=FORESEEN,
+        pairs=pairs_for(system),
     )
 
 
 @per_scene
 def _varying_course(system: System, rule: Rule, most: float) -> VaryingCourse | None:
     """None where the core cannot make such runs."""
-    looks = _nearness(system)
-    limits = proof_limits(ATTEMPTS, 1, CLOSER, FORESEEN, HOPELESS)
+    looks = run_nearness(system)
+    limits = proof_limits(ATTEMPTS, 1, CLOSER, FORESEEN, HOPELESS, pairs=pairs_for(system))
     patience = float(PATIENCE), float(FIRST_CHUNK), most
     try:
         return looks and varying_course(looks, rule.order, patience, limits)
-    except CompileError:
-        return None
-
-
-@per_scene
-def _nearness(system: System) -> Nearness | None:
-    """How runs are looked at; None where the core cannot."""
-    if not system.structure.quadratic_kinetic:
-        return None
-    energy, velocity = energy_rows(system), as_data(velocity_rows(system))
-    if energy is None or velocity is None:
-        return None
-    body = np.arange(system.structure.n)
-    for members in bodies(system.names):
-        body[members] = members[0]
-    turns, parts = np.array(angles(system), dtype=np.int64), np.array(QUANTILES)
-    try:
-        return nearness_of(energy, velocity, body, turns, parts, (SAMPLES, MOST_COMPARED), ROUNDED)
     except CompileError:
         return None
 
