@@ -243,17 +243,19 @@ def _projection(system: System, e: Equations, eliminates: bool) -> _Projection:
     matrix, right, size = parts(s.q, p, s.t, s.c)
     order = band(matrix.sparsity())
     x = ca.SX.sym("x", right.numel())
-    scaled = size * x
     sized = size_expressions(s)(s.q, s.t, e.h, s.c, e.scale)
     functions: Functions = {
-        "hidden": ([s.q, p, s.t], [right[order.order.tolist()], matrix.nz[:]]),
+        "hidden": (
+            [s.q, p, s.t],
+            [right[order.order.tolist()], matrix.nz[:], size[order.order.tolist()]],
+        ),
         "sized": ([s.q, s.t], [sized]),
     }
     if eliminates:
-        functions["pulled"] = [x, s.q, p, s.t], [pull(s.q, s.t, s.c, scaled)]
+        functions["pulled"] = [x, s.q, p, s.t], [pull(s.q, s.t, s.c, x)]
     else:
-        functions["pulled"] = [x, s.q, p, s.t], [-pull(s.q, s.t, s.c, scaled[n:])]
-        functions["speed"] = [x, s.q, s.t], [ca.substitute(scaled[:n], p, ca.SX.zeros(n))]
+        functions["pulled"] = [x, s.q, p, s.t], [-pull(s.q, s.t, s.c, x[n:])]
+        functions["speed"] = [x, s.q, s.t], [x[:n]]
     return _Projection(functions, order, not eliminates)
 
 

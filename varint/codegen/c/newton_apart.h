@@ -35,7 +35,7 @@ static void sines_of(const double *angle, double *sine, double *cosine) {
 #define speed_of(x, q_or_p, t, w, v) TABLE->speed(x, q_or_p, t, w, v)
 #define kick_of(q, t, u, w, force) TABLE->kick(q, t, u, w, force)
 #define sized_of(q, t, w, sizes) TABLE->sized(q, t, w, sizes)
-#define hidden_of(q, p, t, w, b, jacobian) TABLE->hidden(q, p, t, w, b, jacobian)
+#define hidden_of(q, p, t, w, b, jacobian, size) TABLE->hidden(q, p, t, w, b, jacobian, size)
 #define pulled_of(x, q, p, t, w, pull) TABLE->pulled(x, q, p, t, w, pull)
 #define frozen_of(y, q, t, w, jacobian) TABLE->frozen(y, q, t, w, jacobian)
 #define slope_of(w, jacobian) TABLE->slope(w, jacobian)

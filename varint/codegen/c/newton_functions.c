@@ -88,7 +88,9 @@ INLINE void judged_of(In y, In q, In p, In t, In gain, In w, double *sizes) { ju
 INLINE void speed_of(In x, In q_or_p, In t, In w, double *v) { speed(x, q_or_p, t, w + PREPARED_AT, v); }
 INLINE void kick_of(In q, In t, In u, In w, double *force) { kick(q, t, u, w + PREPARED_AT, force); }
 INLINE void sized_of(In q, In t, In w, double *sizes) { sized(q, t, w + PREPARED_AT, sizes); }
-INLINE void hidden_of(In q, In p, In t, In w, double *b, double *jacobian) { hidden(q, p, t, w + PREPARED_AT, b, jacobian); }
+INLINE void hidden_of(In q, In p, In t, In w, double *b, double *jacobian, double *size) {
+    hidden(q, p, t, w + PREPARED_AT, b, jacobian, size);
+}
 INLINE void pulled_of(In x, In q, In p, In t, In w, double *pull) { pulled(x, q, p, t, w + PREPARED_AT, pull); }
 INLINE void frozen_of(In y, In q, In t, In w, double *jacobian) { frozen(y, q, t, w + PREPARED_AT, jacobian); }
 INLINE void slope_of(In w, double *jacobian) { slope(w + PREPARED_AT, jacobian); }

@@ -187,7 +187,9 @@ INLINE void judged_of(In y, In q, In p, In t, In gain, In w, double *sizes) {
 INLINE void speed_of(In x, In q_or_p, In t, In w, double *v) { CALL_AT(SPEED_AT, speed, ARGUMENTS(x, q_or_p, t), v); }
 INLINE void kick_of(In q, In t, In u, In w, double *force) { CALL_AT(KICK_AT, kick, ARGUMENTS(q, t, u), force); }
 INLINE void sized_of(In q, In t, In w, double *sizes) { CALL_AT(SIZED_AT, sized, ARGUMENTS(q, t), sizes); }
-INLINE void hidden_of(In q, In p, In t, In w, double *b, double *jacobian) { CALL_AT(HIDDEN_AT, hidden, ARGUMENTS(q, p, t), b, jacobian); }
+INLINE void hidden_of(In q, In p, In t, In w, double *b, double *jacobian, double *size) {
+    CALL_AT(HIDDEN_AT, hidden, ARGUMENTS(q, p, t), b, jacobian, size);
+}
 INLINE void pulled_of(In x, In q, In p, In t, In w, double *pull) { CALL_AT(PULLED_AT, pulled, ARGUMENTS(x, q, p, t), pull); }
 INLINE void frozen_of(In y, In q, In t, In w, double *jacobian) { CALL_AT(FROZEN_AT, frozen, ARGUMENTS(y, q, t), jacobian); }
 INLINE void slope_of(In w, double *jacobian) { CALL_AT(SLOPE_AT, slope, 0, jacobian); }

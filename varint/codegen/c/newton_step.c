@@ -72,19 +72,19 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
     return 0;
 }
 
-/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint. How weak its matrix
+/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint; how weak its matrix
    is: the reciprocal of the smallest pivot of G M^-1 G', or of the determinant of M and G together (of which zero or no number
    may be left where there are hundreds of pivots: then it is not known). */
 LARGE double project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
-    double jacobian[HIDDEN_NONZEROS + 1], b[H + HIDDEN_REACH + 1];
+    double jacobian[HIDDEN_NONZEROS + 1], b[H + HIDDEN_REACH + 1], size[H + 1];
     int pivots[H + 1];
     ZEROS(b, H + HIDDEN_REACH);
-    hidden_of(q, p, &t, w, b, jacobian);
+    hidden_of(q, p, &t, w, b, jacobian, size);
     ZEROS(matrix, HIDDEN_SIZE);
     for (int i = 0; i < HIDDEN_NONZEROS; i++) matrix[HIDDEN_PLACES[i]] = jacobian[i];
     factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
     substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
-    for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
+    for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k] * size[k];
     double most = 0, all = 1;
     for (int k = 0; k < H; k++) {
         const double inverse = fabs(matrix[k * (HIDDEN_BELOW + HIDDEN_REACH + 1) + HIDDEN_BELOW]);

@@ -26,7 +26,7 @@ typedef struct Scene {
     void (*speed)(In x, In q_or_p, In t, In w, double *v);
     void (*kick)(In q, In t, In u, In w, double *force);
     void (*sized)(In q, In t, In w, double *sizes);
-    void (*hidden)(In q, In p, In t, In w, double *b, double *jacobian);
+    void (*hidden)(In q, In p, In t, In w, double *b, double *jacobian, double *size);
     void (*pulled)(In x, In q, In p, In t, In w, double *pull);
     void (*frozen)(In y, In q, In t, In w, double *jacobian);
     void (*slope)(In w, double *jacobian);
