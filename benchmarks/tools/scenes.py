@@ -121,6 +121,13 @@ def growing_mass() -> Scene:
     return forced("growing_mass", system, [0.5, 0.2], [0.0, 0.6], 30.0, 60, claim)
 
 
+def falling_orbit() -> Scene:
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q), force=-0.001 * v)
+    start = [0.03, 0.0], [0.0, (1.97 / 0.03) ** 0.5]  # at pericentre, e = 0.97
+    return forced("falling_orbit", system, *start, 20.0, 8000, "A comet that drag slows down.")
+
+
 def chain(links: int, steps: int) -> Scene:
     """Links of unit mass and length as angles, released from rest: a slight zigzag half a radian
     off the vertical.
@@ -196,4 +203,5 @@ FORCED: dict[str, Callable[[], Scene]] = {
     "van der pol": van_der_pol,
     "driven duffing": duffing,
     "growing mass": growing_mass,
+    "kepler 0.97 with drag": falling_orbit,
 }
