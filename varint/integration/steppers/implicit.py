@@ -7,6 +7,7 @@ import casadi as ca
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.lagrangian import Interval, interval
 from varint.discrete.legendre import velocity_function
+from varint.integration.gears import BY_STAGES, scheme_of
 from varint.integration.steppers.newton import NEVER, Root, iterations, newton
 from varint.integration.steppers.stepper import (
     Method,
@@ -20,6 +21,11 @@ from varint.integration.steppers.stepper import (
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
 from varint.scene.system import System
+
+IN_LOOPS = (
+    "in the core and compiled: all stages iterated side by side, Newton's method only where that "
+    "contracts poorly"
+)
 
 
 @per_system
@@ -94,13 +100,19 @@ def _start(system: System, rule: Rule, one: Interval) -> ca.Function:
     return ca.Function("start", [q, p, u, t, h, c], [x])
 
 
+def _words(system: System, rule: Rule) -> tuple[str, ...]:
+    """What a step does, and what loops in the core do in place of it."""
+    solved = (
+        f"Newton's method for {rule.degree} × {system.structure.n} unknowns, exact sparse Jacobian",
+        "start values continued from the last step's polynomial",
+    )
+    return (*solved, IN_LOOPS) if scheme_of(system, rule) is BY_STAGES else solved
+
+
 IMPLICIT = Method(
     name="Newton's method",
     applies=lambda system, rule: True,
-    runs=lambda system, rule: (
-        f"Newton's method for {rule.degree} × {system.structure.n} unknowns, exact sparse Jacobian",
-        "start values continued from the last step's polynomial",
-    ),
+    runs=_words,
     skips=lambda system, rule: () if system.structure.forced else ("forces: there are none",),
     build=implicit_stepper,
 )
