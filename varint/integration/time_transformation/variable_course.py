@@ -50,8 +50,10 @@ from varint.integration.two_runs import (
     FLOOR,
     SAMPLES,
     UNRESCUED,
+    Apart,
     Attempt,
     Course,
+    Trial,
     run_twice,
 )
 from varint.integration.walls import Failure, require_way_on
@@ -190,6 +192,13 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         return trial(steps, wanted, 1, with_other_digits_at_start(prepared, way))
 
     apart = partial(apart_by, system, c, scale, ends_early)
+    return course_that_follows(system, trial, apart, parted, span)
+
+
+def course_that_follows(
+    system: System, trial: Trial, apart: Apart, parted: Trial, span: float
+) -> Course:
+    """How runs over so much fictitious time are proved, however they are made."""
     return Course(
         trial,
         apart,

@@ -47,6 +47,7 @@ from varint.integration.time_transformation.variable_course import (
     ATTEMPTS,
     CLOSER,
     FORESEEN,
+    course_that_follows,
     pairs_for,
     prices_for,
     resolves_signals,
@@ -209,16 +210,7 @@ def _course(system: System, ready: Ready, begun: BegunStart, asked: Asked) -> Co
     trial = partial(_trial, ready, begun, *asked)
     parted = partial(_parted, system, ready, begun, *asked)
     apart = partial(_apart, looks, places)
-    return Course(
-        trial,
-        apart,
-        abs(span),
-        attempts=ATTEMPTS,
-        closer=CLOSER,
-        parted=parted,
-        foreseen=FORESEEN,
-        pairs=pairs_for(system),
-    )
+    return course_that_follows(system, trial, apart, parted, span)
 
 
 @per_scene
