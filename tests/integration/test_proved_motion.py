@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import varint as vi
+import varint.integration.asked_times as asked_times
 import varint.integration.even_motion as even
 from varint.codegen.built import built_module
 from varint.codegen.two_runs import NO_RATES
@@ -59,23 +60,29 @@ def by_python(monkeypatch):
     even.proved_motion.cache_clear()
 
 
-def as_found(make):
+def as_found(make, at=None):
     system, q0, v0, duration = make()
-    return vi.simulate(system, q0=q0, v0=v0, duration=duration, progress=False)
+    times = None if at is None else 0.5 + duration * np.array(at)
+    call = dict(q0=q0, v0=v0, t0=0.5, duration=duration, at=times)
+    return vi.simulate(system, **call, progress=False)
 
 
+TIMES = None, [0.0, 0.013, 0.5, 0.5, 0.77, 1.0], [0.3], np.linspace(0, 1, 300), [1e-17, 1 - 1e-16]
+
+
+@pytest.mark.parametrize("at", TIMES, ids=range(len(TIMES)))
 @pytest.mark.parametrize("make", SCENES)
-def test_c_and_python_make_the_same_motion(make, by_python):
+def test_c_and_python_make_the_same_motion(make, at, by_python):
     def is_by(kind):
         return type(even.proved_motion()) is kind
 
     assert is_by(type(lambda: 0))
-    other = as_found(make)
+    other = as_found(make, at)
     even.proved_motion.cache_clear()
     even.built_module = built_module  # the fixture puts it back
     if built_module() is None:
         pytest.skip("Python came without its headers")
-    one = as_found(make)
+    one = as_found(make, at)
     assert not is_by(type(lambda: 0))
     for name in FIELDS:
         a, b = getattr(one, name), getattr(other, name)
@@ -85,6 +92,21 @@ def test_c_and_python_make_the_same_motion(make, by_python):
     told = {k: x for k, x in one.stats.items() if k not in ("seconds", "plan")}
     assert told == {k: x for k, x in other.stats.items() if k not in ("seconds", "plan")}
     assert 0 < one.stats["seconds"] < 60
+
+
+@pytest.mark.parametrize("make", [falling, swinging, swinging_long, relativistic])
+def test_times_are_met_in_the_call_that_proves_the_motion(make, monkeypatch):
+    if built_module() is None:
+        pytest.skip("Python came without its headers")
+    monkeypatch.setattr(asked_times, "_at_once", None)  # another call
+    motion, whole = as_found(make, TIMES[1]), as_found(make)
+    assert len(motion) == len(TIMES[1]) and motion.stats["steps"] == whole.stats["steps"]
+    assert motion.q[[0, -1]].tobytes() == whole.q[[0, -1]].tobytes()
+    between = whole.at(motion.t)
+    for name in FIELDS:
+        a, b = getattr(motion, name), getattr(between, name)
+        assert a.tobytes() == b.tobytes() if isinstance(a, np.ndarray) else a == b
+    assert motion.v.tobytes() == between.v.tobytes()
 
 
 @pytest.mark.parametrize("make", SCENES)
@@ -97,21 +119,26 @@ def test_motions_do_not_share_their_nodes(make):
 
 
 def test_motions_travel_before_they_are_looked_at():
-    for made in (pickle.loads(pickle.dumps(as_found(falling))), copy.deepcopy(as_found(falling))):
-        assert np.array_equal(made.t, as_found(falling).t)
-        assert made.stats["runs"] == as_found(falling).stats["runs"]
+    for at in TIMES:
+        whole = as_found(falling, at)
+        for made in (pickle.loads(pickle.dumps(whole)), copy.deepcopy(as_found(falling, at))):
+            assert np.array_equal(made.t, whole.t) and np.array_equal(made.k, whole.k)
+            assert made.stats["runs"] == whole.stats["runs"]
 
 
 def test_nothing_is_left_behind():
     as_found(falling)
     system, q0, v0, duration = falling()
+    times = np.linspace(0, duration, 7)
 
     def some():
         for _ in range(200):
-            vi.simulate(system, q0=q0, v0=v0, duration=duration, progress=False).stats["runs"]
+            for at in (None, times, times[::2]):
+                call = dict(q0=q0, v0=v0, duration=duration, at=at, progress=False)
+                assert vi.simulate(system, **call).stats["runs"]
 
     some()
-    whole = [system, system.default_vector, float, vi.Trajectory]
+    whole = [system, system.default_vector, times, float, vi.Trajectory]
     before = [sys.getrefcount(x) for x in whole]
     some()
     assert max(np.subtract([sys.getrefcount(x) for x in whole], before)) < 20
@@ -151,5 +178,7 @@ def test_what_is_not_made_for_it_is_refused():
     how, places = loop.last[1], known.rooms[-1].places
     with pytest.raises(TypeError):
         prove(how, places, system, system.default_vector, "now", *numbers[1:], NO_RATES, 0.0)
+    with pytest.raises(TypeError, match="between nodes"):
+        prove(how, places, system, None, *numbers, NO_RATES, 0.0, np.zeros(1), ())
     with pytest.raises(TypeError, match="another size"):
         prove(how, places._replace(head=b""), system, None, *numbers, NO_RATES, 0.0)

@@ -146,9 +146,11 @@ def held_entry() -> Callable[[bytes], int]:
 
 
 @cache
-def times_entry() -> Callable[[bytes], int]:
-    """c/times_core.c; raises CompileError as `gauss_loop` does."""
-    return _by_bytes("times_core.c", "at_times")[0]
+def times_entries() -> tuple[Callable[[bytes], int], ...]:
+    """c/times_core.c: all at once; the shorter steps that go ahead, and where they arrive. Raises
+    CompileError as `gauss_loop` does.
+    """
+    return _by_bytes("times_core.c", "at_times", "go_ahead", "arrive")
 
 
 @cache

@@ -3,17 +3,55 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from ctypes import c_void_p, cast
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import DONE
-from varint.codegen.core import times_entry
+from varint.codegen.core import times_entries
 from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_TIMES = struct.Struct("2P4q9Pd")  # Times
+_TIMES = struct.Struct("2P5q9P2d2P")  # Times
+_WHOLE = np.dtype(np.int64)
+
+
+class Between(NamedTuple):
+    """How motions are looked at between their nodes by a loop that is told nothing. The fields are
+    those of c/direct.c.
+
+    Attributes
+    ----------
+    entry, parts : int
+        Where c/times_core.c is, and the loop's shorter steps.
+    scene, most : int
+        What these are handed: the scene, and most iterations of a step.
+    whole : dtype
+        Of numbers of steps.
+    """
+
+    entry: int
+    parts: int
+    scene: int
+    most: int
+    whole: np.dtype
+
+
+def between(kernel: Kernel) -> Between | None:
+    """By this loop; None where it must be told more at a fresh start.
+
+    Raises
+    ------
+    CompileError
+        If this was not built with the package and cannot be compiled.
+    """
+    if kernel.opening:
+        return None
+    entries: tuple[Any, ...] = times_entries()[0], kernel.parts
+    at, parts = (cast(entry, c_void_p).value or 0 for entry in entries)
+    return Between(at, parts, kernel.scene, FIXED_POINT_ITERATIONS, _WHOLE)
 
 
 def states_at_times(
@@ -30,7 +68,7 @@ def states_at_times(
     Parameters
     ----------
     kernel : Kernel
-        That need not be told more at a fresh start, of a scene without controls.
+        Of a scene without controls.
     nodes : tuple of array
         t (N,), q and p (N, n), k (N,) of int64.
     c : array
@@ -44,16 +82,30 @@ def states_at_times(
     CompileError
         If this was not built with the package and cannot be compiled.
     """
-    n, count, entry = kernel.n, len(times), times_entry()
-    block = np.empty(count * (2 * n + 1))
-    q = np.ndarray((count, n), float, block)
-    p = np.ndarray((count, n), float, block, 8 * count * n)
-    k = np.ndarray(count, np.int64, block, 16 * count * n)
-    parts: Any = kernel.parts
-    at, size = new_address(block), 8 * count * n
+    n, count, many = kernel.n, len(times), len(times) * kernel.n
+    block = np.empty(2 * many + count + 1 + count * (5 * n + 4))
+    q, p = block[:many].reshape(count, n), block[many : 2 * many].reshape(count, n)
+    k, room = block[2 * many : 2 * many + count].view(_WHOLE), block[2 * many + count :]
+    at, parts = new_address(block), kernel.parts
+    place = cast(parts, c_void_p).value or 0  # type: ignore[arg-type]
     given = [address_of(x) if x.size else 0 for x in (*nodes, c, times)]
-    found = at, at + size, at + 2 * size
-    counts = n, FIXED_POINT_ITERATIONS, len(nodes[0]), count
-    place = cast(parts, c_void_p).value or 0
-    status = entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, h))
-    return (q, p, k) if status == DONE else None
+    found = [at + 8 * i for i in (0, many, 2 * many)]
+
+    def done(entry: Callable[[bytes], int], told: int = 0, opening: int = 0) -> bool:
+        counts = n, FIXED_POINT_ITERATIONS, told, len(nodes[0]), count
+        behind = h, 0.0, at + 8 * (2 * many + count), opening
+        return entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, *behind)) == DONE
+
+    at_times, go_ahead, arrive = times_entries()
+    if kernel.opening is None:
+        return (q, p, k) if done(at_times) else None
+    if not done(go_ahead):
+        return None
+    going = room[:1].view(_WHOLE).item()
+    if going:
+        start = room[1 : 1 + 2 * n * going].reshape(going, 2 * n)
+        begin, ahead = (room[1 + 2 * many + i * count :][:going] for i in (0, 1))
+        told = kernel.opening(start[:, :n], start[:, n:], None, begin, ahead, c)
+        if not done(arrive, told.shape[1], new_address(told)):
+            return None
+    return q, p, k

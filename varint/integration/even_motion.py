@@ -78,7 +78,8 @@ def made_of(course: Course, chosen: Plan) -> Made:
 def proved_motion() -> Callable[..., Trajectory | tuple[Trajectory, float] | int]:
     """(how motions are made, places, system, parameters, t0, duration, first, radians, tol, rates,
     began) → the motion whose error `two_runs` prove, with that error where more is to be looked at
-    before; or what they say.
+    before; or what they say. With times that are asked for, and how it is looked at between its
+    nodes, these may be its nodes already.
     """
     built = built_module()
     return _proved if built is None else built.prove  # type: ignore[no-any-return]
@@ -96,8 +97,9 @@ def _proved(
     tol: float,
     rates: Rates,
     began: float,
+    *asked: Any,
 ) -> Trajectory | tuple[Trajectory, float] | int:
-    """As c/direct.c does."""
+    """As c/direct.c does, but at times that are asked for."""
     found = two_runs(how.course, places, t0, duration, first, radians, tol, rates)
     if isinstance(found, int):
         return found

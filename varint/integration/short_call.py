@@ -41,11 +41,8 @@ from varint.integration.plain_start import (
     room_of,
     velocities_in,
 )
-from varint.integration.rule_choice import (
-    cheapest,
-)
 from varint.integration.short_refinement import looked_at_closely
-from varint.integration.short_scenes import Known, Loop, fastest_of, known_of, loop_of
+from varint.integration.short_scenes import Known, chosen_in, fastest_of, known_of, looked_between
 from varint.integration.short_trials import (
     course_by,
     two_short_runs,
@@ -78,10 +75,12 @@ def short_call(
     tol: float | None,
     began: float,
     events: Any = None,
+    times: np.ndarray | None = None,
 ) -> Trajectory | int | None:
     """The motion from a start (q0, v0, t0, params), or from momenta in place of v0, with events on
     the way, if two short runs prove its error, or some more of a scene with forces; what
-    `by_short_trials` says if not; None where another way is to be taken.
+    `by_short_trials` says if not; None where another way is to be taken. Its nodes are the times
+    already where that is done in the same call.
     """
     q0, v0, t0, params = start
     tol = DEFAULT_TOL if tol is None else tol
@@ -117,7 +116,7 @@ def short_call(
         if pilot is None:
             rates = known.rates
             found = by_the_core(
-                system, known, room, c, t0, duration, tol, turned, began, rates, watched
+                system, known, room, c, t0, duration, tol, turned, began, rates, watched, times
             )  # not by a tuple, whose time counts
             if type(found) is not int or found < VARIES:
                 return found
@@ -177,13 +176,14 @@ def by_the_core(
     began: float,
     rates: list[Rates],
     watched: Watched | None,
+    times: np.ndarray | None = None,
 ) -> Trajectory | int | None:
     """`short_call` from the start that is there, with what is watched for, over a duration in which
     the motion turns by so much; VARIES and more where steps should follow one of the rates.
     """
     chosen = room.chosen
     if chosen is None or chosen[0] is not turned or chosen[1] != tol:
-        chosen = room.chosen = turned, tol, *_chosen(system, known, turned[1], tol)
+        chosen = room.chosen = turned, tol, *chosen_in(system, known, turned[1], tol)
     _, _, loop, first = chosen
     gears = loop.gears
     if gears is None or first is None:
@@ -200,12 +200,12 @@ def by_the_core(
         asked = t0, duration, first, radians, tol
         return _by_python(system, known, made, kernel, room, c, asked, low, rates, began, watched)
     now, prove = perf_counter() if low else 0.0, proved_motion()
-    at = room.places
-    found = prove(made, at, system, c, t0, duration, first, radians, tol, rates[0], began)
+    at, asked_for = room.places, () if times is None else looked_between(loop, kernel, times)
+    how = t0, duration, first, radians, tol
+    found = prove(made, at, system, c, *how, rates[0], began, *asked_for)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
-        how = t0, duration, first, radians, tol
-        found = prove(made, at, system, c, *how, rates[0], began)
+        found = prove(made, at, system, c, *how, rates[0], began, *asked_for)
     if low:
         kernel_after(low, perf_counter() - now, 0.0)
     if type(found) is Trajectory:
@@ -214,15 +214,6 @@ def by_the_core(
         return looked_at(rule, *found, tol)
     # where one map does not do, steps of another rule may
     return None if found == NOT_PROVED and is_one_map(system, rule) else found
-
-
-def _chosen(system: System, known: Known, begin: float, tol: float) -> tuple[Loop, int | None]:
-    """The loop of the cheapest rule, and with how many steps it begins."""
-    which = cheapest(known.changes, begin, tol)
-    price, loop = known.rules[which], known.loops[which]
-    if loop is None:
-        loop = known.loops[which] = loop_of(system, price.rule)
-    return loop, loop.begins(price, begin, tol)
 
 
 def _by_python(

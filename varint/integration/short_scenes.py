@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from varint.codegen.cache import CompileError
 from varint.codegen.kernel import Kernel
+from varint.codegen.times import Between, between
 from varint.codegen.two_runs import NO_RATES, Rates
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
@@ -16,7 +19,7 @@ from varint.integration.held_rows import is_held
 from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map, runs_driven
 from varint.integration.plain_start import Room, has_plain_nodes, is_plain, rooms
 from varint.integration.plan import Plan, plan
-from varint.integration.rule_choice import Priced, candidates, changes, priced
+from varint.integration.rule_choice import Priced, candidates, changes, cheapest, priced
 from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import Begins, balance_known, energy_known, steps_to_begin
 from varint.integration.small_motions import MOST_COORDINATES, frequency_of_columns
@@ -32,13 +35,15 @@ from varint.scene.system import System
 @dataclass(eq=False)
 class Loop:
     """Of a scene and a rule: the plan, the gears if there are some, and the loop that ran last,
-    with how motions are made by it; how many steps are begun with.
+    with how motions are made by it and, if that was asked for, looked at between their nodes; how
+    many steps are begun with.
     """
 
     plan: Plan
     gears: Gears | None
     begins: Begins
     last: tuple[Kernel | None, Made | None] = (None, None)
+    between: tuple[Kernel | None, Between | None] = (None, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +109,29 @@ def _begins_by_symbols(system: System) -> bool:
 def loop_of(system: System, rule: Rule) -> Loop:
     gears = gears_of(system, rule, scheme_of(system, rule))
     return Loop(plan(system, rule), gears, steps_to_begin(system, rule))
+
+
+def chosen_in(system: System, known: Known, begin: float, tol: float) -> tuple[Loop, int | None]:
+    """The loop of the cheapest rule, and with how many steps it begins."""
+    which = cheapest(known.changes, begin, tol)
+    price, loop = known.rules[which], known.loops[which]
+    if loop is None:
+        loop = known.loops[which] = loop_of(system, price.rule)
+    return loop, loop.begins(price, begin, tol)
+
+
+def looked_between(
+    loop: Loop, kernel: Kernel, times: np.ndarray
+) -> tuple[()] | tuple[np.ndarray, Between]:
+    """The times that are asked for and how the motion is looked at there by this loop; nothing
+    where that is done afterwards.
+    """
+    if loop.between[0] is not kernel:
+        loop.between = kernel, None
+        with suppress(CompileError):
+            loop.between = kernel, between(kernel)
+    how = loop.between[1]
+    return () if how is None else (times, how)
 
 
 def fastest_of(known: Known, local: np.ndarray) -> float | None:

@@ -159,7 +159,7 @@ def simulate(
     """
     if type(system) is not System:
         require_system(system)
-    began, tried = perf_counter(), None
+    began, tried, times = perf_counter(), None, None
     if at is not None:
         times = times_of(at)
         grid = until_last(times, t0, save_every, (h, steps, duration), time_scale is not None)
@@ -198,8 +198,8 @@ def simulate(
             how = save_every, level, began, watched
             tried = few_steps_call(system, rule, known, grid, *how)
         elif moving and save_every == 1:
-            begin = q0, v0, t0, params
-            tried = _short_call().short_call(system, rule, begin, p0, duration, tol, began)
+            begin, call = (q0, v0, t0, params), _short_call().short_call
+            tried = call(system, rule, begin, p0, duration, tol, began, None, times)
         elif save_every == 1 and u is None and (p0 is None) != (v0 is None):
             begin = q0, v0, t0, params
             if until is not None:
@@ -210,7 +210,7 @@ def simulate(
                     system, rule, begin, p0, duration, tol, began, events
                 )
         if type(tried) is Trajectory:
-            return tried if at is None else only_at(tried, times)
+            return tried if times is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
     options = RunOptions(
         h,
@@ -244,7 +244,7 @@ def simulate(
             motion = simulate_steps(system, rule, start, options)
         except ConvergenceError as failure:
             motion = over_switches_after(failure, system, rule, start, options)
-    return motion if at is None else only_at(motion, times)
+    return motion if times is None else only_at(motion, times)
 
 
 @cache

@@ -24,7 +24,7 @@ def only_at_by_core(motion: Trajectory, times: np.ndarray) -> Trajectory | None:
     if motion.functions is not steps_again(motion.rule, in_gear):
         return None
     kernel = kernel_in_gear(system, motion.rule)
-    if kernel is None or kernel.opening:
+    if kernel is None:
         return None
     nodes = motion.t, motion.q, motion.p, motion.k
     if not all(x.flags.c_contiguous for x in (*nodes, times)) or motion.k.dtype != np.int64:

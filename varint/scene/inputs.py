@@ -10,6 +10,8 @@ import numpy as np
 from varint.errors import InputError, parsed_or_refused
 from varint.numerics.arrays import finite
 
+FLOAT = np.dtype(float)
+
 
 def finite_array(what: str, value: Any) -> np.ndarray:
     """value as an array of finite numbers."""
@@ -82,6 +84,8 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
 
 def times_of(t: Any) -> np.ndarray:
     """Times as numbers (k,), or an error that says what they must be."""
+    if type(t) is np.ndarray and t.dtype is FLOAT and t.ndim == 1 and t.size:
+        return t
     times = parsed_or_refused(
         lambda: np.atleast_1d(np.asarray(t, dtype=float)),
         lambda: f"a time or several (k,) must be given, got {t!r}",

@@ -5,6 +5,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include "found.h"
+#include "times.h"
 
 /* What stands behind the course of runs: the start, and what is asked (two_runs_core.c, refined_core.c). */
 typedef struct {
@@ -24,11 +25,13 @@ typedef struct {
 enum Status { PROVED, DOUBTED = 3 };
 #define LONGEST_COURSE 512 /* bytes */
 
-/* Fields of Made in varint/integration/even_motion.py, and of Places in varint/codegen/two_runs.py */
+/* Fields of Made in varint/integration/even_motion.py, of Places in varint/codegen/two_runs.py, and of Between in
+   varint/codegen/times.py */
 enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
-enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, NAMES };
-static const char *const spelt[NAMES] = {"system", "q", "p", "v", "h", "c", "origin", "_make", "copy", "__dict__"};
+enum { AT_TIMES, STEPS, STEPS_SCENE, MOST, WHOLE, BETWEEN };
+enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__"};
 static PyObject *names[NAMES];
 
 #define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)
@@ -57,9 +60,53 @@ static PyObject *nodes_of(PyObject *how, PyObject *places, const Proved *found) 
             Py_DECREF(view);
         }
     }
-    free(found->run);
     Py_XDECREF(count);
     return made;
+}
+
+/* Times that are asked for, how a motion is looked at between its nodes, and what is found: (2, times, n) numbers, coordinates
+   and momenta, and whole steps before each. */
+typedef struct { PyObject *times, *between, *states, *whole; } AtTimes;
+
+static PyObject *new_array(PyObject *how, PyObject *shape, PyObject *kind) {
+    PyObject *given[] = {shape, kind}, *const made = shape ? PyObject_Vectorcall(ITEM(how, ARRAY), given, 2, 0) : 0;
+    Py_XDECREF(shape);
+    return made;
+}
+
+/* The states at those times, and none where another way is to be taken; 0 with an error. */
+static int look_between(AtTimes *to, PyObject *how, const Asked *asked, const Place *at, const Proved *found) {
+    Py_buffer times, states, whole;
+    const int64_t n = PyLong_AsLongLong(ITEM(how, N)), parts = PyLong_AsLongLong(ITEM(how, PARTS)), nodes = found->steps + 1;
+    if (PyObject_GetBuffer(to->times, &times, PyBUF_SIMPLE)) return PyErr_Clear(), 1; /* not in one piece */
+    const int64_t count = times.len / sizeof(double);
+    int done = 0;
+    double *const own = found->run ? malloc(parts * nodes * n * sizeof(double)) : at->room.at;
+    to->states = new_array(how, Py_BuildValue("iLL", 2, (long long)count, (long long)n), ITEM(how, FLOAT));
+    to->whole = new_array(how, Py_BuildValue("(L)", (long long)count), ITEM(to->between, WHOLE));
+    const int has_states = to->states && !PyObject_GetBuffer(to->states, &states, PyBUF_WRITABLE),
+              has_whole = to->whole && !PyObject_GetBuffer(to->whole, &whole, PyBUF_WRITABLE);
+    if (own && has_states && has_whole) {
+        int (*const at_times)(const Times *) = (int (*)(const Times *))PyLong_AsVoidPtr(ITEM(to->between, AT_TIMES));
+        const Times a = {.parts = (int (*)(const void *))PyLong_AsVoidPtr(ITEM(to->between, STEPS)),
+                         .scene = PyLong_AsVoidPtr(ITEM(to->between, STEPS_SCENE)), .n = n,
+                         .most = PyLong_AsLongLong(ITEM(to->between, MOST)), .nodes = nodes, .count = count, .q = own, .p = own + n * nodes,
+                         .c = at->c, .times = times.buf, .found_q = states.buf, .found_p = (double *)states.buf + n * count,
+                         .found_k = whole.buf, .h = asked->duration / (double)found->steps, .t0 = asked->t0};
+        if (found->run) put_nodes(found->run, n, nodes, parts, own);
+        Py_BEGIN_ALLOW_THREADS
+        done = !at_times(&a);
+        Py_END_ALLOW_THREADS
+    }
+    if (has_states) PyBuffer_Release(&states);
+    if (has_whole) PyBuffer_Release(&whole);
+    PyBuffer_Release(&times);
+    if (found->run) free(own);
+    if (!done) {
+        Py_CLEAR(to->states);
+        Py_CLEAR(to->whole);
+    }
+    return !PyErr_Occurred();
 }
 
 /* Into `to`, whose reference to x it takes; whether that was done. */
@@ -109,14 +156,17 @@ static PyObject *maker_of(PyObject *how, const Asked *asked, const Proved *found
     return (PyObject *)made;
 }
 
+/* The motion with its nodes, or at the times that are asked for. */
 static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObject *places, const Asked *asked, const Proved *found,
-                           double began) {
-    PyObject *const nodes = nodes_of(how, places, found), *const known = PyDict_Copy(ITEM(how, BLANK));
-    const int64_t parts = PyLong_AsLongLong(ITEM(how, PARTS));
+                           const AtTimes *at, double began) {
+    PyObject *const nodes = at->states ? again(at->states) : nodes_of(how, places, found), *const known = PyDict_Copy(ITEM(how, BLANK));
+    const int has_v = PyLong_AsLongLong(ITEM(how, PARTS)) > 2;
     PyTypeObject *const type = (PyTypeObject *)ITEM(how, TYPE);
     PyObject *motion = 0;
-    if (nodes && known && put(known, SYSTEM_NAME, again(system)) && put(known, Q_NAME, PySequence_GetItem(nodes, 0)) && put(known, P_NAME, PySequence_GetItem(nodes, 1)) &&
-        (parts < 3 || put(known, V_NAME, PySequence_GetItem(nodes, 2))) &&
+    if (nodes && known && put(known, SYSTEM_NAME, again(system)) && put(known, Q_NAME, PySequence_GetItem(nodes, 0)) &&
+        put(known, P_NAME, PySequence_GetItem(nodes, 1)) && (!has_v || at->states || put(known, V_NAME, PySequence_GetItem(nodes, 2))) &&
+        (!at->states || ((!has_v || !PyDict_DelItem(known, names[V_NAME])) && put(known, T_NAME, again(at->times)) &&
+                         put(known, K_NAME, again(at->whole)))) &&
         put(known, H_NAME, PyFloat_FromDouble(asked->duration / (double)found->steps)) && put(known, C_NAME, again(c)) &&
         put(known, ORIGIN_NAME, PyFloat_FromDouble(asked->t0)) && put(known, MAKE_NAME, maker_of(how, asked, found, began))) {
         motion = type->tp_alloc(type, 0);
@@ -126,14 +176,16 @@ static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObjec
     return motion;
 }
 
-/* (how, places, system, c, t0, duration, first, radians, tol, rates, began) -> the motion, with its estimated error where more
-   is to be looked at before it is proved; or what the core says. */
+static int is_tuple_of(PyObject *x, Py_ssize_t size) { return PyTuple_Check(x) && PyTuple_GET_SIZE(x) == size; }
+
+/* (how, places, system, c, t0, duration, first, radians, tol, rates, began[, times, between]) -> the motion, at these times where
+   it can be looked at there, with its estimated error where more is to be looked at before it is proved; or what the core says. */
 static PyObject *prove(PyObject *self, PyObject *const *given, Py_ssize_t count) {
-    if (count != 11) return PyErr_Format(PyExc_TypeError, "eleven arguments are needed");
+    if (count != 11 && count != 13) return PyErr_Format(PyExc_TypeError, "eleven arguments are needed, or thirteen");
     PyObject *const how = given[0], *const places = given[1];
-    if (!PyTuple_Check(how) || PyTuple_GET_SIZE(how) != MADE || !PyTuple_Check(places) || PyTuple_GET_SIZE(places) != PLACES ||
-        !PyTuple_Check(given[9]) || !PyTuple_GET_SIZE(given[9]))
-        return PyErr_Format(PyExc_TypeError, "how runs are made, places and rates are needed");
+    if (!is_tuple_of(how, MADE) || !is_tuple_of(places, PLACES) || !PyTuple_Check(given[9]) || !PyTuple_GET_SIZE(given[9]) ||
+        (count > 11 && !is_tuple_of(given[12], BETWEEN)))
+        return PyErr_Format(PyExc_TypeError, "how runs are made, places and rates are needed, and how they are looked at between nodes");
     PyObject *const head = ITEM(how, HEAD), *const place = ITEM(places, PLACE);
     if (!PyBytes_Check(head) || !PyBytes_Check(place) || PyBytes_GET_SIZE(head) > LONGEST_COURSE || PyBytes_GET_SIZE(place) != sizeof(Place))
         return PyErr_Format(PyExc_TypeError, "a course or places are of another size");
@@ -153,7 +205,12 @@ static PyObject *prove(PyObject *self, PyObject *const *given, Py_ssize_t count)
     Py_END_ALLOW_THREADS
     if (status != PROVED && status != DOUBTED) return PyLong_FromLong(status);
     const Proved found = *at.found;
-    PyObject *const motion = motion_of(given[2], given[3], how, places, &asked, &found, began);
+    AtTimes there = {0};
+    if (count > 11) there.times = given[11], there.between = given[12];
+    const int looked = status != PROVED || !there.times || look_between(&there, how, &asked, &at, &found);
+    PyObject *const motion = looked ? motion_of(given[2], given[3], how, places, &asked, &found, &there, began) : 0;
+    free(found.run);
+    Py_XDECREF(there.states), Py_XDECREF(there.whole);
     return status == PROVED || !motion ? motion : Py_BuildValue("(Nd)", motion, found.estimate);
 }
 

@@ -1,68 +1,88 @@
-/* A motion at times between its nodes, which lie less than a step behind each of them: a shorter step of the same rule. The name
-   ends in LEVEL, the instructions that are used.
+/* A motion at times between its nodes, which lie less than a step behind each of them: a shorter step of the same rule. The
+   names end in LEVEL, the instructions that are used.
 
    varint/results/dense_output.py does the same for all other motions. */
 #define NAMED(name, level) name##_##level
 #define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
 #define at_times WITH_ALL(at_times, LEVEL)
+#define go_ahead WITH_ALL(go_ahead, LEVEL)
+#define arrive WITH_ALL(arrive, LEVEL)
 #define LANES 1
 #include "lanes.h"
 #include "run.h"
+#include "times.h"
 
 #define ROUNDING (8 * 0x1p-52) /* of times */
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
 
-/* varint/codegen/times.py has the same layout */
+/* How many shorter steps there are, and for each of them q and p where it starts, its time, its length and the number of the time
+   where it ends; where they end, and whether they are solved. */
 typedef struct {
-    int (*parts)(const PartsArguments *);
-    const void *scene;
-    int64_t n, most, nodes, count; /* coordinates; iterations of a step; of the motion; times */
-    const double *t, *q, *p;
-    const int64_t *k; /* whole steps before each node */
-    const double *c, *times;
-    double *found_q, *found_p;
-    int64_t *found_k;
-    double h;
-} Times;
+    int64_t *going;
+    double *start, *begin, *ahead;
+    int64_t *which;
+    double *rows;
+    int64_t *good;
+} Ahead;
+
+static Ahead ahead_in(const Times *a) {
+    const int64_t n = a->n, count = a->count;
+    double *const start = a->room + 1, *const begin = start + 2 * n * count, *const rows = begin + 3 * count;
+    return (Ahead){(int64_t *)a->room, start, begin, begin + count, (int64_t *)(begin + 2 * count), rows, (int64_t *)(rows + 3 * n * count)};
+}
+
+static double time_of(const Times *a, int64_t node) { return a->t ? a->t[node] : a->h * (double)node + a->t0; }
 
 /* The last node that is not behind a time but for round-off, of those from `node` on; times are in order. */
 static int64_t node_before(const Times *a, int64_t node, double time, double slack) {
     const double sign = a->h > 0 ? 1 : -1;
-    while (node + 1 < a->nodes && sign * a->t[node + 1] <= sign * time + slack) node++;
+    while (node + 1 < a->nodes && sign * time_of(a, node + 1) <= sign * time + slack) node++;
     return node;
 }
 
-/* NOT_CONVERGED where another way is to be taken. */
-int at_times(const Times *a) {
+/* The states at nodes, and the shorter steps that go ahead from there; NOT_CONVERGED where another way is to be taken. */
+int go_ahead(const Times *a) {
     const int64_t n = a->n, count = a->count;
-    const double first = a->t[0], last = a->t[a->nodes - 1], size = fabs(a->h),
+    const double first = time_of(a, 0), last = time_of(a, a->nodes - 1), size = fabs(a->h),
                  close = ROUNDING * fmax(fmax(fabs(first), fabs(last)), size) / size, slack = close * size,
                  low = fmin(first, last), high = fmax(first, last);
-    double *const start = malloc((size_t)count * ((5 * n + 2) * sizeof(double) + 2 * sizeof(int64_t)));
-    if (!start) return NOT_CONVERGED;
-    double *const rows = start + 2 * n * count, *const begin = rows + 3 * n * count, *const ahead = begin + count;
-    int64_t *const good = (int64_t *)(ahead + count), *const which = good + count, going = 0, node = 0;
-    int status = DONE;
-    for (int64_t i = 0; i < count && status == DONE; i++) {
+    const Ahead to = ahead_in(a);
+    int64_t going = 0, node = 0;
+    for (int64_t i = 0; i < count; i++) {
         const double time = a->times[i];
         node = node_before(a, node, time, slack);
-        const double left = time - a->t[node], part = left / a->h;
-        if (!(time >= low - slack && time <= high + slack && part > -1 && part <= 1 - close)) status = NOT_CONVERGED;
-        if (i && !((time - a->times[i - 1]) * a->h >= 0)) status = NOT_CONVERGED;
-        COPY(a->found_q + n * i, a->q + n * node, n), COPY(a->found_p + n * i, a->p + n * node, n), a->found_k[i] = a->k[node];
+        const double begin = time_of(a, node), left = time - begin, part = left / a->h;
+        if (!(time >= low - slack && time <= high + slack && part > -1 && part <= 1 - close)) return NOT_CONVERGED;
+        if (i && !((time - a->times[i - 1]) * a->h >= 0)) return NOT_CONVERGED;
+        COPY(a->found_q + n * i, a->q + n * node, n), COPY(a->found_p + n * i, a->p + n * node, n);
+        a->found_k[i] = a->k ? a->k[node] : node;
         if (!(part > close)) continue;
-        COPY(start + 2 * n * going, a->q + n * node, n), COPY(start + 2 * n * going + n, a->p + n * node, n);
-        begin[going] = a->t[node], ahead[going] = left, which[going++] = i;
+        COPY(to.start + 2 * n * going, a->q + n * node, n), COPY(to.start + 2 * n * going + n, a->p + n * node, n);
+        to.begin[going] = begin, to.ahead[going] = left, to.which[going++] = i;
     }
-    if (status == DONE && going) {
-        const PartsArguments asked = {.count = going, .most = a->most, .start = start, .t = begin, .h = ahead, .c = a->c, .rows = rows,
-                                      .good = good, .scene = a->scene};
-        status = a->parts(&asked);
+    *to.going = going;
+    return DONE;
+}
+
+/* Where these steps end. */
+int arrive(const Times *a) {
+    const Ahead from = ahead_in(a);
+    const int64_t n = a->n, going = *from.going;
+    const PartsArguments asked = {.count = going, .told = a->told, .most = a->most, .start = from.start, .t = from.begin, .h = from.ahead,
+                                  .c = a->c, .opening = a->opening, .rows = from.rows, .good = from.good, .scene = a->scene};
+    if (going && a->parts(&asked) != DONE) return NOT_CONVERGED;
+    for (int64_t i = 0; i < going; i++) {
+        if (!from.good[i]) return NOT_CONVERGED;
+        COPY(a->found_q + n * from.which[i], from.rows + 3 * n * i, n), COPY(a->found_p + n * from.which[i], from.rows + 3 * n * i + n, n);
     }
-    for (int64_t i = 0; i < going && status == DONE; i++) {
-        if (!good[i]) status = NOT_CONVERGED;
-        COPY(a->found_q + n * which[i], rows + 3 * n * i, n), COPY(a->found_p + n * which[i], rows + 3 * n * i + n, n);
-    }
-    free(start);
-    return status;
+    return DONE;
+}
+
+/* Both, of a loop that is told nothing. */
+int at_times(const Times *of) {
+    Times a = *of;
+    a.room = malloc(ROOM_OF_TIMES(a.n, a.count) * sizeof(double));
+    const int done = a.room && go_ahead(&a) == DONE && arrive(&a) == DONE;
+    free(a.room);
+    return done ? DONE : NOT_CONVERGED;
 }
