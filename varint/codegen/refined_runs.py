@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,22 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course, HeldLooks
 
-_COURSE = struct.Struct("12P12q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("13P13q")  # Refined, what belongs to the course
+
+
+class BendLooks(NamedTuple):
+    """How steps are looked at in which forces may bend sharply with velocities.
+
+    Attributes
+    ----------
+    push : RowFunction
+        (q, v, t) → forces and the mass matrix' diagonal.
+    looks : array (3, m)
+        Parts of a step, and what makes the two highest coefficients of forces there.
+    """
+
+    push: RowFunction
+    looks: np.ndarray
 
 
 def refined_course(
@@ -26,6 +42,7 @@ def refined_course(
     turns: np.ndarray,
     limits: np.ndarray,
     held: HeldLooks | None = None,
+    bends: BendLooks | None = None,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
 
@@ -47,6 +64,8 @@ def refined_course(
         Limits in c/refined_core.c.
     held : HeldLooks, optional
         Of a motion that constraint rows hold.
+    bends : BendLooks, optional
+        Of forces that bend with velocities.
 
     Raises
     ------
@@ -54,12 +73,13 @@ def refined_course(
         If the loop was not built with the package and cannot be compiled.
     """
     entry, on = refined_entry(), entries_of(kernel, balance)
-    pushed = (x.at if x else 0 for x in forces or (None, None, None))
+    pushed = (x.at if x else 0 for x in forces or (bends and bends.push, None, None))
     places, *counted = looks
     arrays = limits, body, turns, places
-    pivots = held and held.pivots
+    pivots, bent = held and held.pivots, bends and bends.looks
     calls = on.run, on.scene, on.rows, on.energy, *pushed, *map(address_of, arrays)
+    others = 0 if bent is None else address_of(bent), pivots.at if pivots else 0
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
-    kind = int(held is not None), kernel.note[1]
-    head = _COURSE.pack(*calls, pivots.at if pivots else 0, *counts, *pieces, *kind)
-    return Course(entry, kernel, on.n, 2, head, (on, forces, held, *arrays))
+    kind = 0 if bent is None else bent.shape[1], int(held is not None), kernel.note[1]
+    head = _COURSE.pack(*calls, *others, *counts, *pieces, *kind)
+    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, *arrays))

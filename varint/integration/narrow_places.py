@@ -9,6 +9,9 @@ difference of the runs as this to their difference at that place.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
 # times what runs are apart before the place, and part of their largest difference; parts of steps
@@ -16,6 +19,41 @@ AT_ONCE, PART_OF_IT, PARTS = 10.0, 0.05, 2
 # times what the first such place shows, where nodes that are compared are few of those that err: of
 # 1440 runs over narrow bumps 16 erred by more than was wanted, 6 do, for 4 in a thousand more steps
 UNCERTAIN = 3.0
+
+
+def made_at_once(
+    one: np.ndarray,
+    other: np.ndarray,
+    off: float,
+    scales: np.ndarray,
+    again: Callable[[int, int], np.ndarray | None],
+) -> float:
+    """Error of the finer one of two runs where it is made at a narrow place, 0 where it is not.
+
+    Parameters
+    ----------
+    one : array (M + 1, 2 or more, n)
+        q and p of the coarser run where both have nodes.
+    other : array (N + 1, 2 or more, n)
+        Those of the finer one.
+    off : float
+        The largest difference.
+    scales : array (n,)
+    again : callable
+        (node, count) → nodes of so many of the `PARTS` of steps from there; None where they fail.
+    """
+    each, rows = (len(other) - 1) // (len(one) - 1), other[:, :2]
+    both = scales_with_momenta(rows, scales)
+    differ = parted_by(one[:, :2], rows[::each], both)
+    k = narrow_place(differ)
+    if not k:
+        return 0.0
+    end = min(k + 1, len(differ) - 1)  # it may end in the next part
+    fine = again(each * (k - 1), PARTS * each * (end - k + 1))
+    if fine is None:
+        return math.inf
+    made = parted_by(fine[-1, :2], rows[each * end], both)
+    return float(UNCERTAIN * off * made / differ[k])
 
 
 def narrow_place(apart: np.ndarray) -> int:

@@ -12,11 +12,13 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.integration.backend import runs_by_stages
+from varint.integration.bent_steps import CLOSE, made_by_bends
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
 from varint.integration.energy_check import keeps_energy
 from varint.integration.error_scale import careful_scales
 from varint.integration.hidden import missed_impulse
+from varint.integration.narrow_places import PARTS
 from varint.integration.problem import InitialValueProblem
 from varint.integration.round_off import (
     GROWS,
@@ -109,6 +111,19 @@ def refine(
         other = partial(trial, wanted=wanted)
         return start_rounding(other, rule, steps, motion, scales, known, tol)
 
+    def by_bends(steps: int, motion: Trajectory, wanted: float, scales: np.ndarray) -> float:
+        if not forced or start.steps > 1 or ends_early or len(motion) != steps + 1:
+            return 0.0
+        rows = np.stack((motion.q, motion.p, motion.v), axis=1)
+
+        def again(k: int, count: int) -> np.ndarray | None:
+            node = rows[k, 0], rows[k, 1], float(motion.t[k])
+            fine = trial(rule, PARTS * steps, wanted=wanted, node=node, count=count)
+            return None if fine is None else np.stack((fine.q, fine.p), axis=1)
+
+        when = start.t0, motion.h
+        return made_by_bends(system, rule, rows, when, start.c, scales, wanted, again)
+
     while steps <= most:
         wanted = tol / (growth * between) if forced else tol
         motion, runs = trial(rule, steps, wanted=wanted), runs + 1
@@ -193,6 +208,9 @@ def refine(
                     luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
                 begins = begun(steps, motion, estimate)
+                if apart > CLOSE * tol:
+                    grows = growth * between
+                    hidden = max(hidden, grows * by_bends(steps, motion, tol / grows, scales))
             found = Choice(rule, steps, motion, max(estimate, hidden, begins), runs, True)
             if best is None or found.estimate < best.estimate:
                 best = found

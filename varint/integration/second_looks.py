@@ -26,7 +26,7 @@ CHANCE = 1.5  # of the largest difference: the other runs err as well
 TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 2  # most first steps done once more, in so many parts
 
 # (rule, steps, one of so many parts of them, `beyond` the end, the way of the start's last
-# `digits`) → the run; None where it failed
+# `digits`; `count` of them from another `node`) → the run; None where it failed
 Trial = Callable[..., Trajectory | None]
 
 

@@ -7,12 +7,14 @@ steps as a small oscillation takes, and what is not clear after a few of them is
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from varint.integration.backend import kernel_for, run_at_once
+from varint.integration.bent_steps import CLOSE, made_by_bends
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR
 from varint.integration.energy_check import NOTHING
@@ -20,13 +22,7 @@ from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.hidden import missed_impulse
 from varint.integration.linear_run import REPEATED, driven_kernel
-from varint.integration.narrow_places import PARTS as NARROW
-from varint.integration.narrow_places import (
-    UNCERTAIN,
-    narrow_place,
-    parted_by,
-    scales_with_momenta,
-)
+from varint.integration.narrow_places import PARTS, made_at_once
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import FOLLOWED, NO_DIGITS, Varying
@@ -140,31 +136,18 @@ def by_short_refinement(
 
         return parted(other, known, tol)[0]
 
-    def made_at_once(
-        one: PlainTrial,
-        few: int,
-        other: PlainTrial,
-        many: int,
-        wanted: float,
-        off: float,
-        scales: np.ndarray,
-    ) -> float:
-        """Error of the finer run where it is made at a narrow place, 0 where it is not."""
-        unit = math.gcd(few, many)
-        each, rows = many // unit, other.found.rows[:, :2]
-        both = scales_with_momenta(rows, scales)
-        differ = parted_by(one.found.rows[:: few // unit, :2], rows[::each], both)
-        k = narrow_place(differ)
-        if not k:
-            return 0.0
-        (q, p), t = rows[each * (k - 1)], start.h / many * (each * (k - 1)) + start.t0
-        end = min(k + 1, unit)  # it may end in the next part
-        count = NARROW * each * (end - k + 1)
-        fine = run(NARROW * many, count, wanted, start._replace(q0=q, p0=p, t0=t))
-        if fine is None:
-            return math.inf
-        made = parted_by(fine.found.rows[-1, :2], rows[each * end], both)
-        return float(UNCERTAIN * off * made / differ[k])
+    def again(
+        steps: int, one: PlainTrial, wanted: float
+    ) -> Callable[[int, int], np.ndarray | None]:
+        """What does steps of a run once more in parts, from any of its nodes."""
+        rows, h = one.found.rows, start.h / steps
+
+        def nodes(k: int, count: int) -> np.ndarray | None:
+            begin = start._replace(q0=rows[k, 0], p0=rows[k, 1], t0=h * k + start.t0)
+            fine = run(PARTS * steps, count, wanted, begin)
+            return fine and fine.found.rows
+
+        return nodes
 
     first = refined_first(system, priced({rule: 1.0})[0], radians, tol)
     before: tuple[int, PlainTrial] | None = None
@@ -224,8 +207,14 @@ def by_short_refinement(
         # on an order, which may be luck; of two runs alone the finer may err by several times `off`
         counted = not solved and last < math.inf and math.gcd(before[0], steps) >= SHARED
         if counted and off < NO_DIGITS and estimate <= tol:
-            made = made_at_once(before[1], before[0], motion, steps, wanted, off, scales)
-            estimate = max(estimate, made)
+            coarse = before[1].found.rows[:: before[0] // math.gcd(before[0], steps)]
+            nodes = again(steps, motion, wanted)
+            estimate = max(estimate, made_at_once(coarse, motion.found.rows, off, scales, nodes))
+        if CLOSE * tol < off < NO_DIGITS and estimate <= tol:
+            grows, when = growth * between, (start.t0, start.h / steps)
+            nodes, rows = again(steps, motion, tol / grows), motion.found.rows
+            known = rows, when, start.c, scales, tol / grows, nodes
+            estimate = max(estimate, grows * made_by_bends(system, rule, *known))
         if off < NO_DIGITS and estimate <= tol and growth >= GROWS:
             grown = likely_rounding(radians, steps, growth) * between
             if not grown <= tol:

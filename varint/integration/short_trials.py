@@ -10,6 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
+import varint.integration.bent_steps as bent
 import varint.integration.hidden as hidden
 import varint.integration.narrow_places as narrow
 import varint.integration.refinement as searched
@@ -21,8 +22,8 @@ import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import TOLD, place_of
 from varint.codegen.kernel import Kernel, address_of
-from varint.codegen.refined_runs import refined_course
-from varint.codegen.rows import RowFunction
+from varint.codegen.refined_runs import BendLooks, refined_course
+from varint.codegen.rows import RowFunction, as_data
 from varint.codegen.two_runs import (
     NO_OPENING,
     NO_RATES,
@@ -46,7 +47,7 @@ from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
 from varint.integration.even_motion import even_motion_of, made_of
-from varint.integration.force_bounds import forces_as_data
+from varint.integration.force_bounds import forces_as_data, push
 from varint.integration.gears import BY_STAGES, Gears, gears_with, kernel_after
 from varint.integration.held_rows import is_held
 from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
@@ -73,6 +74,7 @@ _REFINED = np.array(
         *(limited.ROUNDED, limited.SECULAR_GROWTH, limited.GROWS, limited.CHANCE, limited.UNEVEN),
         limited.PASSED,
         *(limited.WAYS, limited.PARTED, limited.FAR_BELOW),
+        *(bent.CLOSE, bent.BENT, bent.SURE),
     ]
 )
 
@@ -197,6 +199,11 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
         return None
     if not kept and (seconds.has_steps(system) or not rule.nodes):
         return None
+    looks_at_bends = bent.looks_at_bends(system, rule)
+    pushed = None if looks_at_bends is None else as_data(push(system))
+    if pushed is None and looks_at_bends is not None:
+        return None
+    bends = None if pushed is None or looks_at_bends is None else BendLooks(pushed, looks_at_bends)
     body = np.arange(s.n)
     for members in bodies(system.names):
         body[members] = members[0]
@@ -215,7 +222,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
-            return refined_course(*how, body, turns, repeated, held)
+            return refined_course(*how, body, turns, repeated, held, bends)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()
         if held:  # as `tolerance` has them run, where long ones are looked at first

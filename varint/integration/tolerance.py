@@ -187,6 +187,8 @@ def choose_steps(
         wanted: float = tol,
         beyond: float = 0.0,
         digits: int | None = None,
+        node: tuple[np.ndarray, np.ndarray, float] | None = None,
+        count: int = 0,
     ) -> tuple[Trajectory, Run | None] | None:
         """A motion, and the run that made it where it was not over at once."""
         nonlocal stiff
@@ -195,6 +197,9 @@ def choose_steps(
             q0, p0 = with_other_digits(start.q0, start.p0, digits)
             h = with_other_times(problem.h, digits)
             problem = problem._replace(q0=q0, p0=p0, h=h)
+        if node is not None:  # so many of the steps, from a node (q, p, t) of another run
+            q0, p0, t0 = node
+            problem = problem._replace(q0=q0, p0=p0, t0=t0, steps=count, u=problem.u[:count])
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved or first_order else iteration_level(wanted, steps),

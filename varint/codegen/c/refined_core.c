@@ -18,6 +18,7 @@
 #include "held.h"
 #include "crossings.h"
 #include "sought.h"
+#include "bends.h"
 
 #define CUT_SHARED 3 /* nodes that runs which end early share at least: those of the whole duration have gone on, and show what was missed */
 
@@ -28,7 +29,7 @@ typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, coarser, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
-        repeated;
+        close, bent, sure, repeated;
 } Limits;
 
 typedef struct {
@@ -40,8 +41,11 @@ typedef struct {
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     const double *looks;         /* parts of a step at which forces are looked at, a few of them first */
+    const double *bends;         /* parts of a step at which forces are looked at that bend with velocities, and what makes their two highest
+                                    coefficients of the values there; 0: none do */
     const void *pivots;          /* (q, t) to the least pivot of constraint rows; 0: they never come to depend on one another */
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
+    int64_t bend_looks;      /* so many */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
@@ -94,7 +98,7 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
             .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = a->duration / steps,
             .level = level * coarser, .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
-            .without_velocities = !a->held && !a->search.sought});
+            .without_velocities = !a->held && !a->search.sought && !a->bends});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
         to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
@@ -236,6 +240,19 @@ static double parted_by(int64_t n, const double *one, const double *other, const
     return largest;
 }
 
+/* Scales of coordinates, which are known, and of momenta: the largest ones of a run. */
+static void set_both_scales(const Refined *a, const Attempt *run, const double *of_coordinates, double *scales) {
+    const int64_t n = a->n;
+    for (int64_t d = 0; d < n; d++) {
+        scales[d] = of_coordinates[d], scales[n + d] = 0;
+        for (int64_t k = 0; k <= run->ended.last; k++) {
+            const double p = fabs(run->rows[3 * n * k + n + d]);
+            scales[n + d] = p > scales[n + d] ? p : scales[n + d];
+        }
+        if (!(scales[n + d] > 0)) scales[n + d] = INFINITY;
+    }
+}
+
 /* Error of a run whose steps err at once where the scene is narrow: by what they make there when done in parts, over what the
    coarser run is off by at that place; 0 where errors grow bit by bit, infinite where the parts fail.
    varint/integration/narrow_places.py says why. */
@@ -246,14 +263,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
                   each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts,
                   all = shared_parts(before, now);
     double scales[2 * n], largest = 0, last = 0, here = 0, made = 0;
-    for (int64_t d = 0; d < n; d++) {
-        scales[d] = of_coordinates[d], scales[n + d] = 0;
-        for (int64_t k = 0; k <= now->ended.last; k++) {
-            const double p = fabs(now->rows[3 * n * k + n + d]);
-            scales[n + d] = p > scales[n + d] ? p : scales[n + d];
-        }
-        if (!(scales[n + d] > 0)) scales[n + d] = INFINITY;
-    }
+    set_both_scales(a, now, of_coordinates, scales);
     for (int64_t k = 1; k <= all; k++) {
         const double apart = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
         largest = apart > largest ? apart : largest;
@@ -272,6 +282,34 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     else
         made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
     free(fine.rows);
+    return made;
+}
+
+/* What steps err by in which forces bend sharply with velocities, by what they make when done in parts, or more than what is
+   wanted; infinite where the parts fail. varint/integration/bent_steps.py says why. */
+static double made_by_bends(const Refined *a, const Attempt *run, double wanted, const double *of_coordinates) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n, steps = run->ended.whole, parts = (int64_t)l->narrow_parts;
+    const double h = a->duration / run->steps;
+    const Bends of = {a->rows, a->push, a->c, a->bends, a->bends + a->bend_looks, n, a->bend_looks};
+    double few[SHORT], *const sharp = memory_for(steps + ROOM_OF_BENDS(n, a->bend_looks), few, few), scales[2 * n], made = 0;
+    set_both_scales(a, run, of_coordinates, scales);
+    if (!sharp || !set_sharpness(&of, run->rows, steps, a->t0, h, scales + n, sharp, sharp + steps)) made = INFINITY;
+    Attempt fine = {0};
+    for (int64_t k = 0, end; k < steps && made <= wanted; k = end) {
+        for (end = k; end < steps && !(sharp[end] * (double)steps <= l->bent * wanted);) end++;
+        if (end++ == k) continue;
+        const double *const node = run->rows + 3 * n * k;
+        double most = 0;
+        if (!try_from(a, node, node + 2 * n, h * (double)k + a->t0, wanted, parts * run->steps, parts * (end - 1 - k), 1, &fine) || fine.lost)
+            most = INFINITY;
+        for (int64_t i = 0; i < end - k && most < INFINITY; i++) {
+            const double off = parted_by(n, fine.rows + 3 * n * parts * i, node + 3 * n * i, scales);
+            most = off > most ? off : most;
+        }
+        made += l->sure * most;
+    }
+    free(fine.rows), give_up(sharp, few);
     return made;
 }
 
@@ -513,6 +551,10 @@ int refined(const Refined *a) {
             if (counted && off < l->no_digits && estimate <= a->tol) {
                 const double at_once = made_at_once(a, &before, &now, wanted, off, scales);
                 estimate = estimate > at_once ? estimate : at_once;
+            }
+            if (a->bends && off > l->close * a->tol && off < l->no_digits && estimate <= a->tol) {
+                const double grows = growth * between, made = grows * made_by_bends(a, &now, a->tol / grows, scales);
+                estimate = estimate > made ? estimate : made;
             }
             if (off < l->no_digits && estimate <= a->tol && growth >= l->grows) {
                 const double turns = a->radians > (double)steps ? a->radians : (double)steps,
