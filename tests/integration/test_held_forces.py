@@ -11,6 +11,7 @@ from varint.integration import short_call
 from varint.integration import simulate as module
 from varint.integration.error_scale import error_scales
 from varint.integration.gears import newton
+from varint.integration.short_scenes import loop_of
 
 q2, v2 = vi.coordinates("x", "y")
 q3, v3 = vi.coordinates("angle", "tilt", "slide")
@@ -88,7 +89,7 @@ def test_bytes_are_the_same_when_the_loop_is_compiled(scene):
     call |= dict(duration=0.5, tol=1e-6)
     low = vi.simulate(system, **call)
     rule = next(x for x in map(vi.lobatto, (3, 5, 7)) if str(x) == low.stats["rule"])
-    short_call.loop_of(system, rule).gears.high[:] = [newton().compiled(system, rule)]
+    loop_of(system, rule).gears.high[:] = [newton().compiled(system, rule)]
     high = vi.simulate(system, **call)
     assert high.stats["backend"].startswith("compiled")
     for name in ("t", "q", "p", "v", "multipliers"):
