@@ -12,8 +12,7 @@ import numpy as np
 from varint.codegen.arguments import c_number, c_source
 from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import opening_for
-from varint.discrete.legendre import velocity_function
-from varint.discrete.scales import scale_function
+from varint.discrete.scales import opening_function
 from varint.numerics.arrays import over_columns, trigger_on
 from varint.scene.system import System
 
@@ -33,8 +32,7 @@ def opening_values(system: System) -> Callable[..., np.ndarray]:
         c: np.ndarray,
     ) -> np.ndarray:
         used = none if u is None else u
-        scale = over_columns(scale_function(system), q, p, used, t[:, None], h[:, None], c)[0]
-        return np.hstack([scale, over_columns(velocity_function(system), q, p, t[:, None], c)[0]])
+        return over_columns(opening_function(system), q, p, used, t[:, None], h[:, None], c)[0]
 
     return told
 
@@ -78,16 +76,13 @@ def opening_on(
 ) -> Opening:
     """Of the start in this memory; in a third of the time of `opening_values`."""
     n, u, h = len(q), np.zeros(system.control.numel()), np.zeros(1)
-    told = np.zeros(3 * n)
-    sizes, v = told[: 2 * n], told[2 * n :]
-    find_sizes, one = trigger_on(scale_function(system), (q, p, u, t, h, c), (sizes,))
-    find_velocity, other = trigger_on(velocity_function(system), (q, p, t, c), (v,))
+    told, size = np.zeros(3 * n), 2 * n - 1
+    find, one = trigger_on(opening_function(system), (q, p, u, t, h, c), (told,))
 
     def look() -> bool:
-        sizes[-1] = v[-1] = math.nan  # where an iteration comes to no end
-        find_sizes()
-        find_velocity()
-        return not (math.isnan(sizes[-1]) or math.isnan(v[-1]))
+        told[size] = told[-1] = math.nan  # where an iteration comes to no end
+        find()
+        return not (math.isnan(told[size]) or math.isnan(told[-1]))
 
     raised: list[BaseException] = []
 
@@ -99,19 +94,21 @@ def opening_on(
             raised.append(error)
             return False
 
-    block, node = np.zeros(SEEN * (1 + 2 * n) + 2 * n), np.zeros(1 + 4 * n)
+    block, found = np.zeros(SEEN * (1 + 2 * n) + 2 * n), np.zeros(3 * n)
     times, places, momenta, largest = np.split(block, np.cumsum([SEEN, SEEN * n, SEEN * n]))
-    when, at, along, found = np.split(node, np.cumsum([1, n, n]))
-    none = np.zeros(u.size)
-    find_there, there = trigger_on(scale_function(system), (at, along, none, when, h, c), (found,))
+    first = places[:n], momenta[:n], np.zeros(u.size), times[:1], h, c
+    find_there, there = trigger_on(opening_function(system), first, (found,))
+    sizes = found[: 2 * n]
 
     def largest_at(count: int) -> bool:
         try:
             for i in range(count):  # one by one: mostly it is one
-                when[0], some = times[i], slice(n * i, n * (i + 1))
-                at[:], along[:], found[-1] = places[some], momenta[some], math.nan
+                if i:
+                    some = slice(n * i, n * (i + 1))
+                    times[0], places[:n], momenta[:n] = times[i], places[some], momenta[some]
+                sizes[-1] = math.nan
                 find_there()
-                largest[:] = np.maximum(largest, found) if i else found
+                largest[:] = np.maximum(largest, sizes) if i else sizes
             return not math.isnan(largest[-1])
         except BaseException as error:
             raised.append(error)
@@ -119,6 +116,6 @@ def opening_on(
 
     asked, looking = _OPEN(look_for), _SIZES(largest_at)
     open_at, looks = (cast(x, c_void_p).value or 0 for x in (asked, looking))  # type: ignore[arg-type]
-    held = one, other, there, asked, looking, block, node
+    held = one, there, asked, looking, block
     typical = looks, address_of(block)
     return Opening(u, h, told, look, opening_for(open_at, told), typical, raised, held)

@@ -56,9 +56,9 @@ def between(kernel: Kernel) -> Between | None:
 
 def states_at_times(
     kernel: Kernel,
-    nodes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    nodes: tuple[np.ndarray | None, np.ndarray, np.ndarray, np.ndarray | None],
     c: np.ndarray,
-    h: float,
+    grid: tuple[float, float],
     times: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """q, p and whole steps before, at times in the order of the motion; None where one of them lies
@@ -70,11 +70,11 @@ def states_at_times(
     kernel : Kernel
         Of a scene without controls.
     nodes : tuple of array
-        t (N,), q and p (N, n), k (N,) of int64.
+        t (N,), q and p (N, n), k (N,) of int64; neither t nor k of equal steps with a node at each.
     c : array
         Parameters.
-    h : float
-        The step.
+    grid : tuple of float
+        The step, and when the first one begins.
     times : array (M,)
 
     Raises
@@ -83,29 +83,28 @@ def states_at_times(
         If this was not built with the package and cannot be compiled.
     """
     n, count, many = kernel.n, len(times), len(times) * kernel.n
-    block = np.empty(2 * many + count + 1 + count * (5 * n + 4))
-    q, p = block[:many].reshape(count, n), block[many : 2 * many].reshape(count, n)
-    k, room = block[2 * many : 2 * many + count].view(_WHOLE), block[2 * many + count :]
+    block = np.empty(2 * many + count)
+    q, p, k = block[:many], block[many : 2 * many], block[2 * many :].view(_WHOLE)
     at, parts = new_address(block), kernel.parts
     place = cast(parts, c_void_p).value or 0  # type: ignore[arg-type]
-    given = [address_of(x) if x.size else 0 for x in (*nodes, c, times)]
+    given = [0 if x is None or not x.size else address_of(x) for x in (*nodes, c, times)]
     found = [at + 8 * i for i in (0, many, 2 * many)]
 
-    def done(entry: Callable[[bytes], int], told: int = 0, opening: int = 0) -> bool:
-        counts = n, FIXED_POINT_ITERATIONS, told, len(nodes[0]), count
-        behind = h, 0.0, at + 8 * (2 * many + count), opening
+    def done(entry: Callable[[bytes], int], told: int, room: int, opening: int) -> bool:
+        counts = n, FIXED_POINT_ITERATIONS, told, len(nodes[1]), count
+        behind = *grid, room, opening
         return entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, *behind)) == DONE
 
     at_times, go_ahead, arrive = times_entries()
     if kernel.opening is None:
-        return (q, p, k) if done(at_times) else None
-    if not done(go_ahead):
-        return None
-    going = room[:1].view(_WHOLE).item()
-    if going:
-        start = room[1 : 1 + 2 * n * going].reshape(going, 2 * n)
-        begin, ahead = (room[1 + 2 * many + i * count :][:going] for i in (0, 1))
-        told = kernel.opening(start[:, :n], start[:, n:], None, begin, ahead, c)
-        if not done(arrive, told.shape[1], new_address(told)):
-            return None
-    return q, p, k
+        reached = done(at_times, 0, 0, 0)
+    else:
+        room = np.empty(1 + count * (5 * n + 4))  # ROOM_OF_TIMES in c/times.h
+        behind = new_address(room)
+        reached = done(go_ahead, 0, behind, 0)
+        if reached and (going := room[:1].view(_WHOLE).item()):
+            start = room[1 : 1 + 2 * n * going].reshape(going, 2 * n)
+            begin, ahead = (room[1 + 2 * many + i * count :][:going] for i in (0, 1))
+            told = kernel.opening(start[:, :n], start[:, n:], None, begin, ahead, c)
+            reached = done(arrive, told.shape[1], behind, new_address(told))
+    return (q.reshape(count, n), p.reshape(count, n), k) if reached else None

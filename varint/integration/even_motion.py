@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from ctypes import c_void_p, cast
 from functools import cache, partial
 from time import perf_counter
@@ -11,6 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from varint.codegen.built import built_module
+from varint.codegen.cache import CompileError
+from varint.codegen.times import states_at_times
 from varint.codegen.two_runs import Course, Places, Rates, two_runs
 from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.plan import Plan
@@ -130,6 +133,24 @@ def even_motion_of(
         known["v"] = nodes[2]
     motion = _new(Trajectory)
     _set(motion, "__dict__", known)
+    return motion
+
+
+def between_nodes(motion: Any, kernel: Kernel, times: np.ndarray) -> Any:
+    """A motion that has just been made, with these times as its nodes if the loop can look at them
+    at once; what is none, or has other nodes already, as it is.
+    """
+    if type(motion) is not Trajectory or "t" in motion.__dict__:
+        return motion
+    own, found = motion.__dict__, None
+    if not times.flags.c_contiguous:
+        return motion
+    with suppress(CompileError):
+        grid = own["h"], own["origin"]
+        found = states_at_times(kernel, (None, own["q"], own["p"], None), own["c"], grid, times)
+    if found is not None:
+        own.update(zip(("q", "p", "k"), found, strict=True), t=times)
+        own.pop("v", None)
     return motion
 
 

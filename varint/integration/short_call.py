@@ -27,7 +27,13 @@ from varint.codegen.two_runs import (
     runs_made,
 )
 from varint.integration.energy_leap import energy_leap
-from varint.integration.even_motion import Made, even_motion_of, made_of, proved_motion
+from varint.integration.even_motion import (
+    Made,
+    between_nodes,
+    even_motion_of,
+    made_of,
+    proved_motion,
+)
 from varint.integration.gears import Gears, kernel_after, kernel_now
 from varint.integration.linear_run import is_one_map
 from varint.integration.plain_start import (
@@ -198,7 +204,9 @@ def by_the_core(
     radians, low = turned[0], gears if made.course.kernel is gears.low else None
     if known.held or watched is not None:
         asked = t0, duration, first, radians, tol
-        return _by_python(system, known, made, kernel, room, c, asked, low, rates, began, watched)
+        call = system, known, made, kernel, room, c, asked, low, rates, began, watched
+        motion = _by_python(*call)
+        return motion if times is None else between_nodes(motion, kernel, times)
     now, prove = perf_counter() if low else 0.0, proved_motion()
     at, asked_for = room.places, () if times is None else looked_between(loop, kernel, times)
     how = t0, duration, first, radians, tol
@@ -209,7 +217,7 @@ def by_the_core(
     if low:
         kernel_after(low, perf_counter() - now, 0.0)
     if type(found) is Trajectory:
-        return found
+        return found if times is None else between_nodes(found, kernel, times)
     if isinstance(found, tuple):
         return looked_at(rule, *found, tol)
     # where one map does not do, steps of another rule may

@@ -207,7 +207,7 @@ def simulate(
                 tried = _until_call().call_until(system, rule, begin, p0, *asked)
             else:
                 tried = _short_call().short_call(
-                    system, rule, begin, p0, duration, tol, began, events
+                    system, rule, begin, p0, duration, tol, began, events, times
                 )
         if type(tried) is Trajectory:
             return tried if times is None else only_at(tried, times)

@@ -30,7 +30,7 @@ def only_at_by_core(motion: Trajectory, times: np.ndarray) -> Trajectory | None:
     if not all(x.flags.c_contiguous for x in (*nodes, times)) or motion.k.dtype != np.int64:
         return None
     try:
-        found = states_at_times(kernel, nodes, motion.c, motion.h, times)
+        found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), times)
     except CompileError:
         return None
     if found is None:
