@@ -6,6 +6,7 @@ import pytest
 import scenes
 
 import varint as vi
+from varint.codegen import instructions
 from varint.codegen.angles import with_angles_together
 from varint.codegen.cache import compiler
 from varint.codegen.emit import arranged, emit_graph
@@ -25,7 +26,11 @@ def folded():
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("turns", (0, 200_000))
 @pytest.mark.parametrize("make", (scenes.double_pendulum, folded))
-def test_sines_of_several_angles_have_the_bytes_of_each_by_itself_near_and_far(make, turns):
+def test_sines_of_several_angles_have_the_bytes_of_each_by_itself_near_and_far(
+    make, turns, monkeypatch, forget
+):
+    monkeypatch.setattr(instructions, "has_instructions", lambda: False)
+    forget()
     system, rule = make(), vi.lobatto(4)
     assert "sines_and_cosines(w, a" in newton_source(system, rule).text
     q0, p0 = np.array([1.0 + 2 * np.pi * turns, 0.3]), np.array([0.1, 0.2])

@@ -5,13 +5,19 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.codegen import emit, newton, parts, routines
+from varint.codegen import emit, instructions, newton, parts, routines
 from varint.codegen.cache import compiler
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.newton import newton_kernel, newton_source
 from varint.integration.compiled_loop import kernel_of
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+
+@pytest.fixture(autouse=True)
+def _in_c(monkeypatch):
+    """As on other processors."""
+    monkeypatch.setattr(instructions, "has_instructions", lambda: False)
 
 
 def rotation(angle, axis):

@@ -7,10 +7,11 @@ import pytest
 
 import varint as vi
 import varint.multibody as mb
-from varint.codegen import gauss, newton
+from varint.codegen import gauss, instructions, newton
+from varint.codegen.cache import has_instructions
 from varint.codegen.gauss import gauss_source
 from varint.codegen.newton import newton_source
-from varint.integration import backend, compiled_loop
+from varint.integration import backend, compiled_loop, cost
 from varint.integration.cost import (
     EXPLICIT_STARTING,
     EXPLICIT_STATEMENT,
@@ -57,7 +58,14 @@ def test_auto_compiles_nothing_that_takes_longer_than_it_saves(rule):
     assert not repays(system, rule, 2 ** (needed - 1))
 
 
-def test_larger_expressions_take_longer_to_compile():
+@pytest.fixture
+def in_c(monkeypatch, forget):
+    """As on other processors."""
+    for module in (instructions, cost):
+        monkeypatch.setattr(module, "has_instructions", lambda: False)
+
+
+def test_larger_expressions_take_longer_to_compile(in_c):
     rules = (vi.gauss(2), vi.lobatto(2), vi.lobatto(3))
     for rule in rules:
         scenes = [rods(n) if rule != rules[0] else bodies(n)[0] for n in (3, 6, 12)]
@@ -82,7 +90,7 @@ def test_the_choice_follows_from_scene_rule_and_steps(monkeypatch):
     assert not repays(transformed, vi.gauss(2), 2)
 
 
-def test_newtons_method_is_compiled_after_a_failure_only_where_that_pays():
+def test_newtons_method_is_compiled_after_a_failure_only_where_that_pays(in_c):
     large, _ = bodies(9)
     assert newton_repays(large, vi.gauss(4), 10**6)
     assert not newton_repays(large, vi.gauss(4), 100)
@@ -114,7 +122,7 @@ def statements(module, source, system, rule, monkeypatch):
         lambda: (vi.models.heavy_top().system, vi.lobatto(2)),
     ),
 )
-def test_the_prediction_is_never_below_half_of_what_is_written(scene, monkeypatch):
+def test_the_prediction_is_never_below_half_of_what_is_written(scene, monkeypatch, in_c):
     """In statements of C, which the compiler's time is proportional to: functions are bounded."""
     system, rule = scene()
     written = statements(newton, newton_source, system, rule, monkeypatch)
@@ -123,6 +131,21 @@ def test_the_prediction_is_never_below_half_of_what_is_written(scene, monkeypatc
     statement = EXPLICIT_STATEMENT if explicit else STATEMENT
     predicted = (compiling_seconds(system, rule) - starting) / statement
     assert written / 2 < predicted < 6 * written
+
+
+@pytest.mark.skipif(not has_instructions(), reason="another processor")
+def test_what_is_written_as_instructions_is_predicted_to_take_less(monkeypatch, forget):
+    """But not functions within a step of few unknowns, which stay in C."""
+
+    def seconds(system, rule):
+        forget()
+        return compiling_seconds(system(), rule)
+
+    scenes = ((lambda: rods(20), vi.lobatto(3)), (double_pendulum, vi.lobatto(2)))
+    large, few = (seconds(*scene) for scene in scenes)
+    monkeypatch.setattr(cost, "has_instructions", lambda: False)
+    assert 3 * large < seconds(*scenes[0])
+    assert few == seconds(*scenes[1])
 
 
 def tree(links, parent_of, floating=False):

@@ -120,6 +120,15 @@ def vector_length() -> int:
     return 8 if "avx512f" in names else 4 if "avx2" in names else 2
 
 
+@lru_cache(maxsize=1)
+def has_instructions() -> bool:
+    """Whether this machine has those that instructions.py writes, and calls functions as they
+    do.
+    """
+    whole = sys.platform == "linux" and platform.machine() == "x86_64" and sys.maxsize > 1 << 32
+    return whole and {"avx", "fma"} <= {*_processor().split()}
+
+
 def cache_folder() -> Path:
     """The user's own folder for compiled code; made with mode 0700, refused when others could
     write to it.

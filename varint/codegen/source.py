@@ -133,15 +133,20 @@ def emitted_together(
     so many parameters; `few` unknowns, and whether steps are `in_parts`: see FEWEST and RARE.
     """
     from varint.codegen.emit import Emitted, emit_graph  # not all that is run is compiled
+    from varint.codegen.instructions import as_instructions
     from varint.codegen.prepared import PreparedNumbers
 
     fewest = FEWEST_OF_FEW if few else FEWEST
     rare = RARE_IN_PARTS if in_parts else RARE
     shared = PreparedNumbers(parameters)
-    result = {
-        name: emit_graph(name, f.graph, f.last, shared=shared, fewest=fewest, rare=name in rare)
-        for name, f in functions.items()
-    }
+
+    def written(name: str, f: Routine) -> Emitted:
+        found = None if few else as_instructions(name, f.graph, f.last, shared)
+        return found or emit_graph(
+            name, f.graph, f.last, shared=shared, fewest=fewest, rare=name in rare
+        )
+
+    result = {name: written(name, f) for name, f in functions.items()}
     length = len(shared.statements)
     prepare = shared.source("shared", "shared" in rare)
     result["shared"] = Emitted(prepare, len(shared), 0, 0, length, length)

@@ -10,11 +10,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from varint.codegen.cache import has_instructions
 from varint.codegen.mechanics import force
 from varint.discrete.composed import base_of, shares
 from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import known_velocity
 from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
+from varint.numerics.limits import CLOSED
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
@@ -37,6 +39,9 @@ SHARE, HELD_SHARE = 0.5, 0.3
 # loop, which is compiled once for all scenes of a size, is there already. Of 20 scenes by Newton's
 # method, 200 to 5,500 statements, 0.1 to 0.7 seconds, what is predicted is 0.8 to 1.7 times that.
 STARTING, STATEMENT = 0.06, 8.5e-5  # Newton's method
+# where long functions are instructions: of 20 scenes, 0.07 to 0.4 seconds, what is predicted is 0.7
+# to 1.6 times that
+INSTRUCTED_STATEMENT = 9e-6
 EXPLICIT_STARTING, EXPLICIT_STATEMENT = 0.1, 4e-5
 # fixed points of all stages
 STAGES_STARTING, STAGES_STATEMENT = 0.12, 4.5e-5
@@ -104,7 +109,10 @@ def compiling_seconds(system: System, rule: Rule) -> float:
     if rule.kicks and s.explicit:
         return EXPLICIT_STARTING + EXPLICIT_STATEMENT * statements
     if _by_newton(system, rule):
-        return STARTING + STATEMENT * statements
+        inside = s.n * max(rule.degree - 1, 1)
+        closed = inside <= CLOSED and not (s.constraints or s.nonholonomic)
+        apart = has_instructions() and not closed
+        return STARTING + (INSTRUCTED_STATEMENT if apart else STATEMENT) * statements
     if s.separable and s.constant_mass:
         return STAGES_STARTING + STAGES_STATEMENT * statements
     tree = known_velocity(system, system.v) is not None
@@ -122,7 +130,8 @@ def newton_repays(system: System, rule: Rule, steps: int) -> bool:
     quick or takes less than so many interpreted steps.
     """
     point = point_function(system).n_instructions()
-    seconds = STARTING + STATEMENT * NEWTON * point + LOOP
+    statement = INSTRUCTED_STATEMENT if has_instructions() else STATEMENT
+    seconds = STARTING + statement * NEWTON * point + LOOP
     return seconds < QUICK or interpreted_seconds(system, rule) * steps > seconds
 
 
