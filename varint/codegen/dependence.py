@@ -44,8 +44,12 @@ def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
 
 def operations(graph: Graph, argument: int) -> tuple[int, int]:
     """How many nodes depend on more than the input `argument`, and the square roots among them."""
-    uniform = uniform_nodes(graph, argument)
-    nodes = [i for i in needed(graph) if not uniform[i]]
+    return operations_of(graph, needed(graph), uniform_nodes(graph, argument))
+
+
+def operations_of(graph: Graph, live: list[int], uniform: list[bool]) -> tuple[int, int]:
+    """The same of nodes that are live or uniform as `needed` and `uniform_nodes` say."""
+    nodes = [i for i in live if not uniform[i]]
     return len(nodes), sum([graph.nodes[i][0] in ("rsqrt", "sqrt") for i in nodes])
 
 

@@ -9,7 +9,7 @@ import casadi as ca
 
 from varint.codegen.angles import with_angles_together
 from varint.codegen.arranged import WRITTEN_OUT, arranged, forms_of
-from varint.codegen.dependence import needed, operations, sine_and_cosine, uniform_nodes
+from varint.codegen.dependence import needed, operations_of, sine_and_cosine, uniform_nodes
 from varint.codegen.graph import Graph
 from varint.codegen.parts import LARGEST, Statement
 from varint.codegen.pieces import (
@@ -105,7 +105,7 @@ def emit_graph(
     def constant(i: int) -> str:
         return names[i] if graph.nodes[i][0] == "const" else f"w[{place(i)}]"
 
-    count, roots = operations(graph, last)
+    count, roots = operations_of(graph, live, uniform)
     forms = forms_of(graph, last, written_out)
     statements: list[Statement] = []
     if forms:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from varint.codegen.angles import AT_ONCE, together
 from varint.codegen.cache import has_instructions
-from varint.codegen.dependence import needed, operations, sine_and_cosine, uniform_nodes
+from varint.codegen.dependence import needed, operations_of, sine_and_cosine, uniform_nodes
 from varint.codegen.emit import Emitted
 from varint.codegen.graph import Graph
 from varint.codegen.prepared import PreparedNumbers
@@ -40,10 +40,10 @@ def as_instructions(name: str, graph: Graph, last: int, shared: PreparedNumbers)
     """
     if not has_instructions():
         return None
-    count, roots = operations(graph, last)
+    uniform, live, nodes = uniform_nodes(graph, last), needed(graph), graph.nodes
+    count, roots = operations_of(graph, live, uniform)
     if not FEWEST <= count + sum(map(len, graph.outputs)) <= MOST:
         return None
-    uniform, live, nodes = uniform_nodes(graph, last), needed(graph), graph.nodes
     asked = {nodes[i][1] for i in live if nodes[i][0] == "input" and not uniform[i]}
     filled = [last + 1 + k for k, output in enumerate(graph.outputs) if output]
     at = _pointers([*sorted(asked), last, *filled])
@@ -190,7 +190,7 @@ def _steps(graph: Graph, live: list[int], uniform: list[bool]) -> list[Step]:
             steps.append(Step("both", (i,), (between, taken[1])))
         else:
             steps.append(Step(name, (i,), tuple(taken)))
-    return together(steps, 1, _all_sines)
+    return together(steps, 1, _all_sines) if pairs else steps
 
 
 def _all_sines(found: Sequence[Step]) -> Step:

@@ -213,10 +213,10 @@ class Registers:
         """
         self._bring(k, step)
         a, b, c = step.taken
-        for i in (a, b, c):  # an instruction takes one number from memory, once
-            outside = {j for j in step.taken if j not in self.register}
-            if i in outside and (len(outside) > 1 or step.taken.count(i) > 1):
-                self._load(i, step.taken)
+        outside = [i for i in step.taken if i not in self.register]
+        while len(outside) > 1:  # an instruction takes one number from memory, once
+            self._load(outside[0], step.taken)
+            outside = [i for i in outside if i not in self.register]
         lost = next((i for i in (c, a, b) if i in self.register and self.next[i] == NEVER), None)
         copied = lost is None
         if lost is None:
