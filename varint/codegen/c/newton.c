@@ -76,6 +76,9 @@ LARGE void rescale(double *scale, double *seen) {
     }
 }
 
+/* Whether the next step begins with a look at the sizes that change with the place. */
+INLINE int is_resized(const State *s) { return HELD && (int64_t)*s->age % RESIZED == 0; }
+
 int run(const RunArguments *a) {
 #ifdef SCENE_AS_DATA
     scene = a->scene;
@@ -112,7 +115,8 @@ int run(const RunArguments *a) {
         *state.known = *state.age = 0;
     }
     COPY(scale, state.scale, 2 * N), COPY(sizes, state.sizes, SIZES);
-    prepare(k, w, units, inverse, matrix, pivots);
+    if (PARTS > 1 || is_resized(&state)) prepare_functions(k, w); /* all else is prepared anew for the first step */
+    else prepare(k, w, units, inverse, matrix, pivots);
     if (KICKED && !goes_on) {
         const double t = t0 + whole * (double)first;
         kick_of(q, &t, a->u, w, state.force);
@@ -137,7 +141,7 @@ int run(const RunArguments *a) {
         }
         const double t = t0 + whole * ((double)(first + done) + BEGUN[part]);
         const double end = t0 + whole * ((double)(first + done) + BEGUN[part + 1]);
-        if (HELD && (int64_t)*state.age % RESIZED == 0) {
+        if (is_resized(&state)) {
             sized_of(q, &t, w, sizes);
             prepare(k, w, units, inverse, matrix, pivots);
         }
@@ -179,7 +183,8 @@ int run(const RunArguments *a) {
         if (is_behind(q[N - 1], a->end)) break;
     }
     if (PARTS > 1 && part) COPY(q, before, N), COPY(p, before + N, N), COPY(state.rest_q, before + 2 * N, N), COPY(state.rest_p, before + 3 * N, N);
-    save_afresh(a->stats->last, q, p, t0 + whole * (double)(first + done), w, matrix);
+    if (done && !(status || unsaved || INVERTED)) COPY(a->stats->last, rows - 3 * N, 3 * N); /* it has just been saved */
+    else save_afresh(a->stats->last, q, p, t0 + whole * (double)(first + done), w, matrix);
     *state.started = !status, *state.h = whole;
     COPY(state.scale, scale, 2 * N), COPY(state.sizes, sizes, SIZES);
     for (int s = 0; s < HISTORY; s++) COPY(state.y + s * ROW, y[s + 1], ROW);
