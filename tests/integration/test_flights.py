@@ -240,13 +240,12 @@ def test_a_cradle_hands_the_momentum_on_and_back():
 
 @pytest.mark.parametrize("build", [cradle, pile, hopper])
 def test_blows_stops_and_releases_are_dealt_with_in_the_core(build, monkeypatch):
-    """All but those at the start."""
     dealt = []
     settle = contact_loop.settle
     monkeypatch.setattr(contact_loop, "settle", lambda *x, **y: dealt.append(x) or settle(*x, **y))
     system, start = build()
     events = vi.simulate(system, **start).events
-    assert len(events) >= 3 and len(dealt) == 1
+    assert len(events) >= 3 and not dealt
     assert {e.kind for e in events} >= ({"detachment", "stop"} if build is hopper else set())
 
 
@@ -273,6 +272,7 @@ def test_an_error_while_what_holds_changes_is_raised(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(flights, "_change", broken)
+    monkeypatch.setattr(flights, "PATIENCE", 0.0)  # as a long run
     motion = vi.simulate(system, **start)
     assert motion.stats["interrupted"] and len(motion) < start["steps"]
 

@@ -50,6 +50,7 @@ class ContactArguments(Structure):
         ("room", c_int64),
         ("hits", c_int64),
         ("steps", c_int64),
+        ("begins", c_int64),
         ("t0", c_double),
         ("h", c_double),
         ("level", c_double),
@@ -66,10 +67,12 @@ class ContactArguments(Structure):
         ("change", c_void_p),
         ("begun", c_void_p),
         ("sizes", c_void_p),
+        ("fewer", c_int64),
+        ("apart", c_void_p),
     ]
 
 
-_CHANGE = CFUNCTYPE(c_int, c_int64, c_int64)
+_CHANGE = CFUNCTYPE(c_int, c_int64, c_int64, c_int64)
 _ARGUMENTS = packing(ContactArguments)
 
 
@@ -94,9 +97,9 @@ class Begun(NamedTuple):
     sizes: np.ndarray
 
 
-# (the row that follows, its step, `Flight.located`, contacts that hold) → the rest, where it is
-# there
-Change = Callable[[int, int, np.ndarray, tuple[int, ...]], Begun | None]
+# (the row that follows, its step, the last of the run, `Flight.located`, contacts that hold) → the
+# rest, where it is there
+Change = Callable[[int, int, int, np.ndarray, tuple[int, ...]], Begun | None]
 
 
 class Flight(NamedTuple):
@@ -126,6 +129,9 @@ class Flight(NamedTuple):
         call is SETTLED.
     holding : tuple of int
         Contacts that hold then.
+    apart : array (n,) or None
+        How far a run in fewer steps is from this one, coordinate by coordinate, at the nodes of
+        both; infinitely where one of them does not come to its end.
     """
 
     status: int
@@ -141,6 +147,7 @@ class Flight(NamedTuple):
     seconds: float
     located: np.ndarray | None = None
     holding: tuple[int, ...] = ()
+    apart: np.ndarray | None = None
 
 
 def contact_data(
@@ -192,6 +199,8 @@ def fly(
     save_every: int,
     steps: int,
     level: float = 0.0,
+    begins: bool = False,
+    fewer: int = 0,
     change: Change | None = None,
 ) -> Flight:
     """Steps of the loop of the scene without contacts from a state on, and clean impacts.
@@ -216,6 +225,10 @@ def fly(
         The last node, distance of the kept ones, and after how many steps the call ends.
     level : float
         See `run_loop`.
+    begins : bool
+        Whether the motion begins at the state, which becomes its first node.
+    fewer : int
+        Steps, a whole part of them all, of a run to compare; 0 for none.
     change : callable, optional
         What goes on in the same call where other contacts hold. What it raises ends the call.
     """
@@ -227,12 +240,14 @@ def fly(
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     begun, sizes = np.empty(5 + data.rows, dtype=np.int64), np.empty(3 * n)
-    carried, raised = [state[STATE_HEAD + 5 * n :]], list[BaseException]()
+    apart = np.empty(n)
+    # of each run, by its last node: the core uses it until there is another one
+    carried, raised = {last: state[STATE_HEAD + 5 * n :]}, list[BaseException]()
     told, heads = stats[5:], dict[tuple[int, tuple[int, ...]], np.ndarray]()
 
-    def asked(row: int, k: int) -> int:
+    def asked(row: int, k: int, end: int) -> int:
         try:
-            found = change and change(row, k, told, _holding(closed))
+            found = change and change(row, k, end, told, _holding(closed))
         except BaseException as error:
             raised.append(error)
             return 0
@@ -241,7 +256,7 @@ def fly(
         loop, held, sizes[:] = found
         size = loop.carry_size
         carry = np.zeros(2 * size)  # of the run, and of shorter steps
-        carried[0] = carry[:size]
+        carried[end] = carry[:size]
         head = heads.get((id(loop), held))
         if head is None:
             numbers = [_place_of(loop.entry), loop.scene, 0, size, len(held), *held]
@@ -264,6 +279,7 @@ def fly(
             many,
             MOST_HITS,
             steps,
+            begins,
             t0,
             h,
             level,
@@ -276,19 +292,22 @@ def fly(
             _place_of(asking) if asking else 0,
             new_address(begun),
             new_address(sizes),
+            fewer,
+            new_address(apart),
         )
     )
     seconds = perf_counter() - began
     if raised:
         raise raised[0]
-    state = np.concatenate([state[: STATE_HEAD + 5 * n], carried[0]])
+    state = np.concatenate([state[: STATE_HEAD + 5 * n], carried[last]])
     made, struck, iterations = (int(x) for x in stats[:3])
     rows, hits = rows[:made].copy(), hits[:struck].copy()
     q, p, v = (rows[:, i : i + n] for i in range(2, 2 + 3 * n, n))
     nodes = rows[:, 0].copy(), rows[:, 1].astype(int), q, p, v
     located = stats[5:] if stats[4] else None
     work = iterations, float(stats[3]), seconds
-    return Flight(status, *nodes, hits, state, *work, located, _holding(closed))
+    holding = _holding(closed)
+    return Flight(status, *nodes, hits, state, *work, located, holding, apart if fewer else None)
 
 
 def _place_of(entry: Callable) -> int:

@@ -146,7 +146,9 @@ def short_run(
         If the backend is unknown.
     """
     s, looks = system.structure, bool(stop or watches)
-    if s.contacts or s.constraints or s.nonholonomic:
+    if s.contacts:
+        return None if looks else _short_contact_run(system, chosen, problem, began, backend)
+    if s.constraints or s.nonholonomic:
         return None
     if looks and (system.rays or problem.steps > FIRST):
         return None
@@ -157,6 +159,17 @@ def short_run(
     run = Run(system, chosen, problem, [], iter(()), kernel, began)
     motion = motion_at_once(run, found)
     return looked_along(motion, found.rows[:, 2], kernel, stop, watches) if looks else motion
+
+
+def _short_contact_run(
+    system: System, chosen: Plan, problem: InitialValueProblem, began: float, backend: str
+) -> Trajectory | None:
+    from varint.integration.events.short_flights import motion_of_flight, short_flight
+    from varint.integration.flight_choice import flights_for
+
+    flights = flights_for(system, chosen.rule, problem, backend)
+    found = flights and short_flight(system, chosen, problem, flights)
+    return found and motion_of_flight(system, chosen, problem, found, began)
 
 
 @np.errstate(all="ignore")  # what is not finite has no zero

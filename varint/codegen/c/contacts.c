@@ -26,6 +26,7 @@ typedef struct {
     int64_t carry_size;                     /* of the loop */
     int64_t last, save_every, most;         /* the last node of the grid; iterations of a step */
     int64_t room, hits, steps;              /* rows and hits that have room; steps after which the call ends */
+    int64_t begins;                         /* whether the motion begins at that instant, which becomes a node */
     double t0, h, level;
     int64_t held;                           /* rows that hold: constraints, and contacts that push */
     const int64_t *rows_held;               /* which */
@@ -39,11 +40,14 @@ typedef struct {
                                                that are not for here, or SETTLED, when, whether its step ends there, q, p, v,
                                                rests of q and p; its hits have the row that would follow */
     const void *scene;
-    int (*change)(int64_t row, int64_t k);  /* other contacts hold from a row on, in step k: as SETTLED says it in `holds` and
-                                               `stats`. Whether there is a loop for them, then in `begun`; none where it is 0 */
+    int (*change)(int64_t row, int64_t k, int64_t last); /* other contacts hold from a row on, in step k of a run of so many: as SETTLED
+                                               says it in `holds` and `stats`. Whether there is a loop for them, then in `begun`; none
+                                               where it is 0 */
     const int64_t *begun;                   /* its loop, the loop's scene, memory of what it carries, twice, its size, how many
                                                rows hold, which */
     const double *sizes;                    /* velocities then, typical sizes */
+    int64_t fewer;                          /* steps of a run that comes first, a whole part of them; none where it is 0 */
+    double *apart;                          /* how far it is; infinitely where one of them does not end */
 } ContactArguments;
 
 #define STATE_Q 4
@@ -676,7 +680,7 @@ INLINE void keep(double *row, double t, int64_t k, const double *state) {
     COPY(row + 2, state, 3 * N);
 }
 
-int contacts(const ContactArguments *a) {
+static int whole_run(const ContactArguments *a) {
     scene = a->scene;
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
     const int64_t all = N + ROWS;
@@ -709,11 +713,15 @@ int contacts(const ContactArguments *a) {
     now[0] = 0;
     COPY(now + 1, state + STATE_Q, NUMBERS);
     look(x, now, *t);
+    int begins = (int)a->begins;
     while (k < a->last && status == FULL) {
         if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + MOST_IMPACTS + 1 > a->hits || steps >= a->steps) break;
         int found = NONE, leaves = -1;
         view(x, now, *t);
-        if (*t == a->t0 + a->h * (double)k) { /* steps of the grid until something may close */
+        if (begins) { /* what touches and approaches bounces at once, what rests and must push holds */
+            found = HIT;
+            COPY(at, now, POINT);
+        } else if (*t == a->t0 + a->h * (double)k) { /* steps of the grid until something may close */
             const double many = fmin(fmin(*next, (double)(a->last - k)), floor(steps_ahead(x, now)) + 1);
             const int64_t count = many > 1 ? (int64_t)many : 1;
             closeness(x, Q_OF(now), x->reach, x->close);
@@ -771,7 +779,7 @@ int contacts(const ContactArguments *a) {
         if (found == NONE) continue;
         const double stop = a->t0 + a->h * (double)(k + 1);
         double when = *t + at[0];
-        const int ends = at[0] == end[0] || fabs(stop - when) <= LOCATED * fabs(stop);
+        const int ends = !begins && (at[0] == end[0] || fabs(stop - when) <= LOCATED * fabs(stop));
         if (ends) when = stop;
         if (found == DOUBT || *impacts >= (found == LEAVES ? RESTLESS : MOST_IMPACTS)) { status = BESIDE; break; }
         if (found == HIT && lets_go(x, at, when)) { status = BESIDE; break; }
@@ -785,7 +793,7 @@ int contacts(const ContactArguments *a) {
             for (int i = 0; i < CONTACTS && struck >= 0; i++) a->holds[i] = 0;
             for (int64_t j = 0; j < held[0] && struck >= 0; j++)
                 if (held[1 + j] >= FIRST) a->holds[held[1 + j] - FIRST] = 1;
-            if (struck < 0 || !a->change || !a->change((row - a->rows) / ROW_SIZE, k + ends)) {
+            if (struck < 0 || !a->change || !a->change((row - a->rows) / ROW_SIZE, k + ends, a->last)) {
                 status = struck < 0 ? BESIDE : SETTLED;
                 break;
             }
@@ -794,7 +802,7 @@ int contacts(const ContactArguments *a) {
             COPY(V_OF(at), a->sizes, N);
             look(x, at, when);
         }
-        k += ends, *t = when, *impacts = ends ? 0 : *impacts + 1, *next = FEW_STEPS;
+        k += ends, *t = when, *impacts = ends || begins ? 0 : *impacts + 1, *next = FEW_STEPS, begins = 0;
         COPY(now + 1, at + 1, POINT - 1);
         keep(row, *t, k, now + 1), row += ROW_SIZE;
     }
@@ -803,6 +811,43 @@ int contacts(const ContactArguments *a) {
     COPY(state + STATE_Q, now + 1, NUMBERS);
     a->stats[0] = (double)((row - a->rows) / ROW_SIZE), a->stats[1] = (double)((hit - a->hit) / HIT_SIZE);
     a->stats[2] = x->iterations, a->stats[3] = x->residual;
+    free(memory);
+    return status;
+}
+
+/* How far the run is, at the nodes of both, from one in fewer steps that has ended clean: coordinate by coordinate. Nodes of impacts
+   come behind that of the grid before them. */
+static int from_fewer(const ContactArguments *a, const double *few, int64_t nodes) {
+    const double *many = a->rows, *const end = a->rows + ROW_SIZE * (int64_t)a->stats[0];
+    const double ratio = (double)(a->last / a->fewer);
+    for (int d = 0; d < N; d++) a->apart[d] = 0;
+    for (int64_t i = 0; i < nodes; i++) {
+        const double *const node = few + ROW_SIZE * i;
+        if (i && node[1] == node[1 - ROW_SIZE]) continue;
+        while (many < end && many[1] != ratio * node[1]) many += ROW_SIZE;
+        if (many == end) return 0;
+        for (int d = 0; d < N; d++) a->apart[d] = fmax(a->apart[d], fabs(many[2 + d] - node[2 + d]));
+    }
+    return 1;
+}
+
+int contacts(const ContactArguments *a) {
+    scene = a->scene;
+    if (!a->fewer) return whole_run(a);
+    const int64_t size = STATE_Q + NUMBERS + a->carry_size;
+    double *const memory = malloc((size_t)(size + ROW_SIZE * a->room + HIT_SIZE * a->hits) * sizeof(double));
+    int64_t holds[CONTACTS], nodes = 0;
+    for (int d = 0; d < N; d++) a->apart[d] = INFINITY;
+    if (memory) {
+        ContactArguments few = *a;
+        few.last = a->fewer, few.h = a->h * (double)(a->last / a->fewer);
+        few.state = memory, few.rows = memory + size, few.hit = few.rows + ROW_SIZE * a->room;
+        COPY(few.state, a->state, size), memcpy(holds, a->holds, sizeof holds);
+        if (whole_run(&few) == ENDED) nodes = (int64_t)a->stats[0];
+        memcpy(a->holds, holds, sizeof holds);
+    }
+    const int status = whole_run(a);
+    if (status == ENDED && nodes && !from_fewer(a, memory + size, nodes)) for (int d = 0; d < N; d++) a->apart[d] = INFINITY;
     free(memory);
     return status;
 }

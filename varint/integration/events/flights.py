@@ -139,30 +139,14 @@ def flight_blocks(
             return at, None
         held = held_in(system, active_set)
         state = flight_state(held, problem, kernel, at) if at.carry is None else at.carry
-        work = max(kernel.operations * kernel.nodes, 1)
         paces = _paces(held.scene, rule)
         if not most:
-            most = max(int(PATIENCE / (CAUTION * work)), 1)
+            most = steps_in_a_call(kernel)
             if known := paces.get(kernel.is_native):
                 most = max(min(10 * most, int(PATIENCE / known)), 1)
-        stretches = [Stretch(0, active_set, at.scale, at.inertia)]
         began = int(state[0])
-        found = fly(
-            kernel,
-            flights.contacts,
-            state,
-            held.rows,
-            held.closed,
-            at.scale,
-            problem.c,
-            t0=problem.t0,
-            h=problem.h,
-            last=problem.steps,
-            save_every=problem.save_every,
-            steps=most,
-            level=problem.level,
-            change=partial(_change, _Changing(system, problem, flights, stretches, {})),
-        )
+        sizes = at.scale, at.inertia
+        found, stretches = flown(system, problem, flights, held, kernel, state, sizes, most)
         status, moved = found.status, int(found.state[0]) - began
         if moved or len(found.hits):
             blocks = _blocks(found, at, stretches, n)
@@ -178,6 +162,48 @@ def flight_blocks(
         located = found.located
     active_set = stretches[-1].active_set
     return at, None if located is None else _located(found, active_set, n)
+
+
+def steps_in_a_call(kernel: Kernel) -> int:
+    """As many as Ctrl-C may wait for, with caution."""
+    return max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+
+
+def flown(
+    system: System,
+    problem: InitialValueProblem,
+    flights: Flights,
+    held: Held,
+    kernel: Kernel,
+    state: np.ndarray,
+    sizes: tuple[np.ndarray, np.ndarray],
+    most: int,
+    begins: bool = False,
+    fewer: int = 0,
+) -> tuple[Flight, list[Stretch]]:
+    """One call, of so many steps at most, from a state (see `fly`), with typical sizes and the
+    inertia between them there, and what held from which row on.
+    """
+    stretches = [Stretch(0, held.active_set, *sizes)]
+    found = fly(
+        kernel,
+        flights.contacts,
+        state,
+        held.rows,
+        held.closed,
+        sizes[0],
+        problem.c,
+        t0=problem.t0,
+        h=problem.h,
+        last=problem.steps,
+        save_every=problem.save_every,
+        steps=most,
+        level=problem.level,
+        begins=begins,
+        fewer=fewer,
+        change=partial(_change, _Changing(system, problem, flights, stretches, {})),
+    )
+    return found, stretches
 
 
 @per_scene
@@ -201,24 +227,26 @@ class _Changing(NamedTuple):
 
 
 def _change(
-    of: _Changing, row: int, k: int, flat: np.ndarray, holding: tuple[int, ...]
+    of: _Changing, row: int, k: int, last: int, flat: np.ndarray, holding: tuple[int, ...]
 ) -> Begun | None:
-    """What other contacts begin with (see `fly`), as `position` in contact_loop.py has it."""
+    """What other contacts begin with (see `fly`), as `position` in contact_loop.py has it; of the
+    run in fewer steps nothing else is wanted.
+    """
     system, problem, flights, stretches, known = of
     if holding not in known:
-        last = stretches[-1].active_set
-        active_set = replace(last, contacts=holding, holding=holding)
+        active_set = replace(stretches[-1].active_set, contacts=holding, holding=holding)
         kernel = flights.loop_in(active_set)
         known[holding] = None if kernel is None else (held_in(system, active_set), kernel)
     if (begins := known[holding]) is None:
         return None
     (active_set, scene, rows, _, arrival, _), kernel = begins
-    n, h = scene.structure.n, problem.h
-    before = h * min(k, problem.steps - 1)
+    n, h = scene.structure.n, problem.h * (problem.steps // last)
+    before = h * min(k, last - 1)
     here = flat[: 2 + 2 * n].copy()
     here[1] = (here.item(0) - before) + before
     (found,) = call(arrival, here, np.array((h,)), problem.c)
-    stretches.append(Stretch(row, active_set, found[n : 3 * n], found[3 * n :]))
+    if last == problem.steps:
+        stretches.append(Stretch(row, active_set, found[n : 3 * n], found[3 * n :]))
     return Begun(kernel, rows, found[: 3 * n])
 
 
@@ -229,12 +257,12 @@ def _located(found: Flight, active_set: ActiveSet, n: int) -> Located:
     x, events = np.concatenate([q, q_rest, p, p_rest]), tuple[Event, ...]()
     if found.status == SETTLED:
         active_set = replace(active_set, contacts=found.holding, holding=found.holding)
-        events = _events(found.hits[found.hits[:, 0] == len(found.t)], n)
+        events = events_of(found.hits[found.hits[:, 0] == len(found.t)], n)
     now = Instant(float(flat[0]), x, active_set)
     return Located(now, bool(flat[1]), found.status == SETTLED, events)
 
 
-def _events(hits: np.ndarray, n: int) -> tuple[Event, ...]:
+def events_of(hits: np.ndarray, n: int) -> tuple[Event, ...]:
     """The impacts that a call tells of."""
     if not len(hits):
         return ()
@@ -262,7 +290,7 @@ def _blocks(found: Flight, at: RunState, stretches: list[Stretch], n: int) -> li
             scale=scale, inertia=inertia, active_set=active_set, largest=FIRST_LOOK
         )
     rows, ends = found.hits[:, 0].astype(int), [*(x.row for x in stretches[1:]), len(found.t)]
-    events, where, first = _events(found.hits, n), rows.tolist(), 0
+    events, where, first = events_of(found.hits, n), rows.tolist(), 0
     blocks = []
     for part, end, last in zip(stretches, ends, np.searchsorted(rows, ends).tolist(), strict=True):
         begin = part.row
