@@ -72,8 +72,14 @@ def careful_scales(system: System, motion: Trajectory, given: Any = None) -> np.
     whose estimates are hardly larger than the errors. A swing to both sides of zero has twice the
     range.
     """
-    scales, largest = error_scales(system, motion, given), float(np.abs(motion.q).max())
-    return np.minimum(scales, largest) if given is None and largest > 0 else scales
+    scales = error_scales(system, motion, given)
+    return scales if given is not None else below_largest(scales, motion.q)
+
+
+def below_largest(scales: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """None larger than the largest coordinate, where there is one."""
+    largest = float(np.abs(q).max())
+    return np.minimum(scales, largest) if largest > 0 else scales
 
 
 def scales_of_nodes(

@@ -24,6 +24,7 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 RADIANS = 3.0  # of the fastest motion in a step where the trials begin
+FEWEST = 8  # steps of a run that is compared with one of twice as many
 SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up
 # of the fastest frequency: what rules of low order resolve worst
 OVERTONES = 2.0

@@ -94,7 +94,11 @@ def short_call(
         return None
     known = known_of(system, rule)
     if known is None or not (p0 is None or known.by_momentum):
-        return None
+        if not system.structure.contacts or events or p0 is not None:
+            return None
+        from varint.integration.exact_flights import exact_call  # where there are contacts
+
+        return exact_call(system, rule, start, duration, tol, began)
     pool = known.rooms
     room = pool.pop() if pool else room_of(system, True)
     try:

@@ -38,14 +38,34 @@ def check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None:
     s = system.structure
     if not (s.constraints or s.nonholonomic or s.contacts):
         return
-    rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
-    rows += call(position_rows_function(system), q, np.array([t0]), c)
-    if not (np.abs(np.concatenate(rows)) < STEEPEST).all():
+    if not are_defined(rows_at_start(system, q, t0, c)):
         raise InputError(
             f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, "
             f"t0={t0:g}: a square root or logarithm of a negative number, a division by zero; move "
             "the start or write them in another form"
         )
+
+
+def rows_at_start(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> np.ndarray:
+    """What makes the constraints and contacts of a start, one below the other: first g and gaps,
+    then their slopes, what rows of velocities are at rest, and the gradients of these.
+    """
+    return call(_rows_at_rest(system), q, np.array((t0,)), c)[0]
+
+
+def are_defined(rows: np.ndarray) -> bool:
+    """Whether `rows_at_start` are numbers that may be squared."""
+    return bool((np.abs(rows) < STEEPEST).all())
+
+
+@per_scene
+def _rows_at_rest(system: System) -> ca.Function:
+    """(q, t, c) → `rows_at_start`."""
+    s = system
+    parts = position_rows_function(s)(s.q, s.t, s.c)
+    parts += every_row_function(s)(s.q, ca.DM.zeros(s.q.shape), s.t, s.c)
+    rows = ca.densify(ca.vertcat(*(ca.vec(x) for x in parts)))
+    return ca.Function("rows_at_rest", [s.q, s.t, s.c], [rows])
 
 
 def put_on_manifold(

@@ -40,6 +40,7 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import Varying, refine
 from varint.integration.round_off import with_other_digits, with_other_times
 from varint.integration.rule_choice import (
+    FEWEST,
     RADIANS,
     candidates,
     choose_rule,
@@ -226,7 +227,7 @@ def choose_steps(
         found = attempt(chosen, steps, *how, **more)
         return None if found is None else found[0]
 
-    first = 2 ** max(3, math.ceil(math.log2(max(begin / RADIANS, 1.0))))
+    first = max(FEWEST, 2 ** math.ceil(math.log2(max(begin / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
         if by_two_runs:
