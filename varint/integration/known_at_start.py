@@ -32,7 +32,7 @@ def fastest_at_start(
     s = system.structure
     fastest: float | None = 0.0
     mass = None
-    if not is_free(system):
+    if s.degenerate or s.constraints or s.nonholonomic or system.rays:
         fastest = frequencies(_at_start(system, rule, start)).max(initial=0.0)
     elif s.n <= MOST_COORDINATES:
         fastest, mass = small_motions_at_start(system, start.q0, start.p0, start.t0, start.c)

@@ -60,6 +60,9 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
+# times the steps of a run with contacts, where that many are missing and runs come together by the
+# rule's order: those between would take longer than they tell
+LEAP = 4
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
@@ -87,11 +90,13 @@ def refine(
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
     apart, growth, order, stalls, runs, best = math.inf, 1.0, None, 0, 0, None
+    ratio = 2.0  # of the steps of the last two runs
     shown = math.inf  # order of the last two pairs of runs, however large
     by_order = math.inf  # what the rule's order leaves of the first difference with digits
     over_jumps = has_steps(system)
     smooth = shows_its_error(system) and not over_jumps
     # blows part runs by as much as their instants are apart, which is no growth
+    leaps = system.structure.contacts and not over_jumps
     forced = not (smooth or over_jumps or system.structure.contacts)
     regular, between, wanted = steps_for(rule, radians, tol), 1.0, tol
     # iterations go on to round-off
@@ -153,7 +158,7 @@ def refine(
                 break
             steps *= 2
             continue
-        ratio, last, coarse = steps / before[0], apart, before[0]
+        longer, ratio, last, coarse = ratio, steps / before[0], apart, before[0]
         differ = differences(before[1], before[0], motion, steps, scales)
         seen, early = with_early(differ)
         if smooth:
@@ -166,9 +171,10 @@ def refine(
         if ends_early:
             seen = max(seen, ends_apart(before[1], motion, scales))
         # no smooth motion comes together faster than by the rule's order: less is luck
-        apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
-        if ratio == 2 and last < math.inf:
-            drop = math.log2(max(last, FLOOR) / max(apart, FLOOR))
+        left = _left(longer if leaps else ratio, ratio, rule.order)
+        apart = max(seen, 0.0 if math.isinf(last) else last * left)
+        if ratio in (2, LEAP) and last < math.inf:
+            drop = math.log2(max(last, FLOOR) / max(apart, FLOOR)) / max(math.log2(longer), 1.0)
             order = min(max(drop if over_jumps else min(drop, shown), LEAST_ORDER), rule.order)
             shown = drop
         before = steps, motion
@@ -222,9 +228,10 @@ def refine(
             if hopeless and steps >= HOPELESS and over_jumps:
                 break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
-            steps = (
-                steps * math.ceil(4 * more) // 4 if 1 < more < 2 and steps % 4 == 0 else 2 * steps
-            )
+            if 1 < more < 2 and steps % 4 == 0:
+                steps = steps * math.ceil(4 * more) // 4
+            else:
+                steps *= LEAP if leaps and more >= LEAP and order >= CAUTION * rule.order else 2
             continue
         steps *= 2
     if best is None and before is not None and math.isfinite(apart):
@@ -239,6 +246,13 @@ def refine(
         f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
         "to see where it ends"
     )
+
+
+def _left(longer: float, ratio: float, order: int) -> float:
+    """What the order leaves of the difference of two runs, the finer of `longer` times the steps,
+    in that of the finer and one of `ratio` times its steps.
+    """
+    return longer**-order * (1 - ratio**-order) / (1 - longer**-order)
 
 
 def _strays(system: System, motion: Trajectory, apart: float, radians: float) -> bool:

@@ -43,9 +43,25 @@ def shared_nodes(
         i, j = np.arange(0, first, few // unit), np.arange(0, second, many // unit)
         count = min(len(i), len(j))
         return i[:count], j[:count]
-    (k1, at1), (k2, at2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
-    _, i, j = np.intersect1d(k1, k2, return_indices=True)
-    return at1[i], at2[j]
+    assert one.origin is not None and other.origin is not None
+    at = (
+        nodes_on_grid(one.t, one.k, one.origin, one.h),
+        nodes_on_grid(other.t, other.k, other.origin, other.h),
+    )
+    return shared_steps(one.k, at[0], many // unit, other.k, at[1], few // unit)
+
+
+def shared_steps(
+    k1: np.ndarray, at1: np.ndarray, more1: int, k2: np.ndarray, at2: np.ndarray, more2: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of nodes `at` of two runs after so many steps k, those after as many times `more` of them:
+    the first of several in a run.
+    """
+    first, second = k1[at1] * more1, k2[at2] * more2
+    place = np.minimum(second.searchsorted(first), len(second) - 1)
+    both = second[place] == first
+    both[1:] &= first[1:] != first[:-1]
+    return at1[both], at2[place[both]]
 
 
 def beyond_shared(
@@ -140,12 +156,9 @@ def _last_velocity(motion: Trajectory) -> np.ndarray:
     return call(velocity_function(motion.system), q, p, t, motion.c)[0]
 
 
-def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps, times a factor, of the nodes that do not belong to an event, and their indices."""
-    assert motion.origin is not None
-    close = 1e-6 * abs(motion.h)
-    grid = np.flatnonzero(np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close)
-    return motion.k[grid] * factor, grid
+def nodes_on_grid(t: np.ndarray, k: np.ndarray, origin: float, h: float) -> np.ndarray:
+    """Indices of the nodes at the ends of steps, which are none of an event within them."""
+    return np.flatnonzero(np.abs(t - (origin + h * k)) <= 1e-6 * abs(h))
 
 
 def apart_from_proved(motion: Trajectory, proved: Trajectory, scale: Any = None) -> float:
