@@ -36,7 +36,14 @@ from varint.integration.run_distance import (
     shared_nodes,
     with_early,
 )
-from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
+from varint.integration.second_looks import (
+    Trial,
+    blown_apart,
+    has_steps,
+    luck,
+    start_rounding,
+    transient,
+)
 from varint.integration.shown_order import CAUTION, LEAST_ORDER
 from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
@@ -91,6 +98,7 @@ def refine(
     before: tuple[int, Trajectory] | None = None
     apart, growth, order, stalls, runs, best = math.inf, 1.0, None, 0, 0, None
     ratio = 2.0  # of the steps of the last two runs
+    sample: tuple[int, Trajectory] | None = None  # of runs with contacts: of few steps
     shown = math.inf  # order of the last two pairs of runs, however large
     by_order = math.inf  # what the rule's order leaves of the first difference with digits
     over_jumps = has_steps(system)
@@ -107,7 +115,10 @@ def refine(
     free, followed = not (s.nonholonomic or system.rays), False
 
     def begun(steps: int, motion: Trajectory, known: float) -> float:
-        if not (free and growth > GROWS):
+        if sample is not None:
+            if not blown_apart(trial, rule, sample, scale, tol):
+                return 0.0
+        elif not (free and growth > GROWS):
             return 0.0
         likely = likely_rounding(radians, steps, growth) * between
         if forced and likely <= tol:
@@ -158,6 +169,7 @@ def refine(
                 break
             steps *= 2
             continue
+        sample = (steps, motion) if leaps and sample is None else sample
         longer, ratio, last, coarse = ratio, steps / before[0], apart, before[0]
         differ = differences(before[1], before[0], motion, steps, scales)
         seen, early = with_early(differ)

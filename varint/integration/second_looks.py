@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from varint.integration.round_off import parted
+from varint.integration.error_scale import careful_scales
+from varint.integration.round_off import FAR_BELOW, PARTED, parted
 from varint.integration.run_distance import distance, distance_between_nodes
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -71,6 +73,20 @@ def start_rounding(
         return math.inf if other is None else distance(motion, steps, other, steps, scales)
 
     return parted(apart, known, tol)[0]
+
+
+def blown_apart(
+    trial: Trial, rule: Rule, sample: tuple[int, Trajectory], scale: Any, tol: float
+) -> bool:
+    """Whether impacts make so much of last digits that it counts, by a run of few steps and one
+    from a start with other ones.
+    """
+    steps, motion = sample
+    other = trial(rule, steps, wanted=tol, digits=0)
+    if other is None:
+        return True
+    scales = careful_scales(motion.system, motion, scale)
+    return PARTED * distance(motion, steps, other, steps, scales) > FAR_BELOW * tol
 
 
 def luck(
