@@ -222,21 +222,25 @@ def by_short_refinement(
             if not grown <= tol:
                 return None
             estimate = max(estimate, grown)
+        begins_well = True
         if off < NO_DIGITS and estimate <= tol:
             few = before_shared(before[0], steps)
             fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted)
             if fine is None:
                 return None
-            estimate = max(
-                estimate, float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
-            )
-            whole = plain_motion(system, rule, motion, began)
-            estimate = max(estimate, looked_at_closely(rule, whole, scales, tol))
-            found = Choice(rule, steps, whole, estimate, runs, True, True)
-            return found if estimate <= tol else None
+            early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
+            if math.isnan(early):
+                return None
+            begins_well = early <= tol
+            if begins_well:
+                whole = plain_motion(system, rule, motion, began)
+                estimate = max(estimate, early, looked_at_closely(rule, whole, scales, tol))
+                found = Choice(rule, steps, whole, estimate, runs, True, True)
+                return found if estimate <= tol else None
         expected = off * ratio ** (-CAUTION * rule.order)
         closer = (
-            not stalls
+            begins_well
+            and not stalls
             and ratio < RATIOS[1]
             and _left(expected, ratio, rule.order, rule.order) <= tol
         )

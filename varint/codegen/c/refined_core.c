@@ -563,23 +563,27 @@ int refined(const Refined *a) {
                 if (!(grown <= a->tol)) break; /* it is told elsewhere that it is out of reach */
                 estimate = estimate > grown ? estimate : grown;
             }
+            int begins_well = 1;
             if (off < l->no_digits && estimate <= a->tol && (together >= CUT_SHARED || !is_cut(&now.ended))) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
                 if (!try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
-                if (!(early <= a->tol)) break;
-                if (a->search.sought && !ends_early(&a->search) && !search(a, &now)) goto end;
-                result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
-                double *const rows = handed_over(now.rows, now.own, a->n, now.ended.last + 1, 2, &a->room);
-                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows, now.ended.last,
-                                     now.ended.found, INFINITY};
-                now.rows = 0;
-                goto end;
+                if (early != early) break;
+                begins_well = early <= a->tol;
+                if (begins_well) {
+                    if (a->search.sought && !ends_early(&a->search) && !search(a, &now)) goto end;
+                    result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
+                    double *const rows = handed_over(now.rows, now.own, a->n, now.ended.last + 1, 2, &a->room);
+                    *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows, now.ended.last,
+                                         now.ended.found, INFINITY};
+                    now.rows = 0;
+                    goto end;
+                }
             }
             const double next = off * pow(ratio, -l->caution * (double)a->order);
-            const int closer = !stalls && ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
+            const int closer = begins_well && !stalls && ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
             last = off, slower = ratio, ratio = closer && steps % 2 == 0 ? ratio : l->far;
         }
         const Attempt older = before;
