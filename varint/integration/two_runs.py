@@ -46,7 +46,7 @@ BY_CHANCE = 1e-11
 FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 LOST = 0.3  # predicted errors beyond which a run is none
 GAIN = 2.0  # error of the phase over the relative error of the energy times the angle turned
-MARGIN = 8.0  # of the error: predictions are as uncertain, and the proof is a cautious one
+MARGIN = 30.0  # of the error: predictions are as uncertain, and the proof is a cautious one
 SAFETY = 4.0  # of the measured shrinkage
 SPREAD = 1.5  # of errors between the nodes that two runs share
 EVIDENCE = 30.0  # times its round-off: an energy error that says something
@@ -73,7 +73,7 @@ SHARED = (256, 16), (96, 8)  # steps above which runs have so many parts that bo
 CAUTION = 0.85  # of the rule's order is counted on at most
 # ratio of the steps of two runs: at least, what a new coarse run aims at, and at most, where the
 # error that is predicted of the first coarse one is not clearly small, and otherwise
-LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
+LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.7, 4.0
 # the same where the comparison of two runs was not enough: by fewer more energies often do not
 # shrink, for steps may lie in a resonance
 AGAIN = 1.5
