@@ -99,7 +99,7 @@ def test_a_run_that_was_taken_over_goes_on_from_its_checkpoint(tmp_path, monkeyp
     """With the bytes of one that was not stopped."""
     monkeypatch.setattr("varint.integration.checkpoint.PAUSE", 0.0)
     monkeypatch.setattr("varint.integration.checkpoint.MOST_SHARE", 1e9)
-    run = dict(q0=1.0, v0=0.0, h=0.2, params={"a": 50.0, "b": 10.0}, backend="interpreted")
+    run = dict(q0=1.0, v0=0.0, h=0.12, params={"a": 50.0, "b": 10.0}, backend="interpreted")
     system, rule, file = scene("duffing", False), vi.gauss(2), tmp_path / "run"
     whole = vi.simulate(system, rule, **run, steps=4000)
     assert whole.stats["backend"] != "interpreted"

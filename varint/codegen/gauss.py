@@ -86,6 +86,8 @@ class Scheme:
         Whether velocities are improved by what their momenta miss.
     legendre_iterations : int
         Of Newton's method for velocities at a node; 0 where they have a formula.
+    work : int
+        Roughly the vector operations of an evaluation at the stages.
     """
 
     form: int
@@ -101,6 +103,7 @@ class Scheme:
     ahead: bool
     by_defect: bool
     legendre_iterations: int
+    work: int
 
     @property
     def vectors(self) -> int:
@@ -159,7 +162,12 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
         "DENSE": int(scheme.geometry > 0),
     }
     # the loop is that of all scenes of a size, compiled once; these are the scene's own
-    own = {"HALVINGS": HALVINGS, "TAKEN": numbers_taken(scheme), "GEOMETRY": scheme.geometry}
+    own = {
+        "HALVINGS": HALVINGS,
+        "TAKEN": numbers_taken(scheme),
+        "GEOMETRY": scheme.geometry,
+        "EVALUATION": scheme.work,
+    }
     tableau = tableau_source(scheme.stages, scheme.lanes, scheme.diagonals)
     needs = "".join(c_table("char", x, map(str, map(int, y))) for x, y in scheme.needs.items())
     loops = ("dense.c", "gauss_scene.c") if scheme.geometry else ("gauss_scene.c",)
@@ -230,6 +238,7 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
         ahead,
         by_defect,
         0 if quadratic else LEGENDRE_ITERATIONS,
+        max(work, 1),
     )
 
 

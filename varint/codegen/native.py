@@ -64,6 +64,7 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
         int(x.by_defect),
         x.legendre_iterations,
         HALVINGS,
+        x.work,
     )
     block = block_of([*counts, *needs, tables, *ordered])
     first = next(iter(x.functions.values()))

@@ -29,6 +29,7 @@ Matrix = list[list[Decimal]]
 EXTRA_DEGREE = 4
 # of the one for stages that carry larger errors than round-off, which a high degree amplifies
 LOW_DEGREE = 5
+DIGITS = 10  # behind the point of numbers that steer an iteration
 
 
 @lru_cache(maxsize=64)
@@ -84,7 +85,30 @@ def _computed(stages: int) -> dict[str, np.ndarray]:
         # A⁻¹: the slopes at the nodes of the polynomial through these values there and zero at 0
         slopes = [derivative(p, 1) for p in lagrange_polynomials([Decimal(0), *c])[1:]]
         tables["STAGE_INVERSE"] = [[float(value(p, x)) for p in slopes] for x in c]
-    return {name: np.array(rows) for name, rows in tables.items()}
+    arrays = {name: np.array(rows) for name, rows in tables.items()}
+    return arrays | modes(np.array(a, float), arrays["STAGE_B"][0])
+
+
+def modes(a: np.ndarray, b: np.ndarray) -> dict[str, np.ndarray]:
+    """What takes unknowns to the modes of A, its eigenvectors T, and back: rows of the real, then
+    of the imaginary parts of T⁻¹ / b_j; b_i 2 Re(T y); and the eigenvalues, one of each pair. An
+    odd number of stages has one that is no pair, and no such tables.
+
+    They steer an iteration and need not be exact: rounded, they are alike on all machines.
+    """
+    s = len(b)
+    to, back, values = np.zeros((s, s)), np.zeros((s, s)), np.zeros((2, s))
+    if s % 2 == 0:
+        eigenvalues, vectors = np.linalg.eig(a)
+        order = np.argsort(eigenvalues.imag)[s // 2 :]
+        eigenvalues, vectors = eigenvalues[order], vectors[:, order] / vectors[-1, order]
+        inverse = np.linalg.inv(np.hstack((vectors, vectors.conj())))[: s // 2]
+        to[:] = np.vstack((inverse.real, inverse.imag)) / b
+        back[:] = np.hstack((2 * vectors.real, -2 * vectors.imag)) * b[:, None]
+        values[:, : s // 2] = eigenvalues.real, eigenvalues.imag
+    names = {"STAGE_MODES": to, "STAGE_OF_MODES": back}
+    names |= {"MODE_RE": values[:1], "MODE_IM": values[1:]}
+    return {name: np.round(table, DIGITS) for name, table in names.items()}
 
 
 @lru_cache(maxsize=64)

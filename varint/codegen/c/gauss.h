@@ -181,9 +181,9 @@ typedef struct {
 struct Run;
 #ifndef SCENE_AS_DATA
 /* What the loop calls of the scene, whose prepared numbers are so many, and so many what one half of the right-hand side
-   leaves to the other. */
+   leaves to the other; operations of an evaluation. */
 typedef struct Scene {
-    int64_t numbers, taken;
+    int64_t numbers, taken, work;
     const char *needs_q, *needs_p;
     void (*prepare)(const double *c, double *w);
     void (*velocity)(const V *q, const V *p, const V *t, const double *w, V *v);
@@ -197,8 +197,10 @@ typedef struct Loop {
     double (*work_of)(const Step *s, const Unknowns fresh);
     void (*set_first_scale)(struct Run *r, const Unknowns x);
     void (*place_start)(const struct Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older);
+    void (*improve)(const struct Run *r, const Unknowns x, Unknowns fresh);
 } Loop;
 #endif
+#define WORK scene->work
 #ifdef SCENE_APART /* of the step s */
 #define RHS_W 0 /* the scene knows where its numbers begin */
 #define VELOCITY_W 0
@@ -217,6 +219,7 @@ typedef struct Loop {
 #define work_of(s, fresh) OF_COPY((s)->loop->work_of(s, copied), fresh)
 #endif
 #define set_first_scale(r, x) OF_COPY((r)->now.loop->set_first_scale(r, copied), x)
+#define improve(r, x, fresh) (r)->now.loop->improve(r, x, fresh)
 #if AHEAD /* once a step: in line where a step is short */
 #if HALVES
 #define START APART
@@ -233,6 +236,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
 APART double work_of(const Step *s, const Unknowns fresh);
 #endif
 APART void set_first_scale(struct Run *r, const Unknowns x);
+APART void improve(const struct Run *r, const Unknowns x, Unknowns fresh);
 APART void place_start(const struct Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older);
 #endif
 #if !HALVES
@@ -353,6 +357,8 @@ INLINE void place(const Step *s, const Nodes *at, double h, const double *m2, co
 #endif
 }
 
+#include "slopes.h"
+
 /* A run on its way. */
 typedef struct Run {
     double *w; /* what was prepared of the parameters */
@@ -368,6 +374,8 @@ typedef struct Run {
     int64_t low;                  /* so many steps start from a low degree */
     double tried, counts[3], slowest, residual; /* counts: in either order; one half after the other, lately */
     int seidel;
+    Slopes slopes;
+    Inverse inverse;
 } Run;
 
 /* Those of the last stage of the last step, in all lanes: nearly those where it ends. None yet: zero. */

@@ -6,7 +6,8 @@ typedef struct {
     double steps_known, expected, h, rate, work, low, count, tried, counts[3]; /* of the steps tried in either order */
     double numbers[];
 } Carry;
-#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED))
+#define SLOPES_SIZE (IMPROVES ? SLOPES_TOLD + (FORM == 2 ? 2 : 1) * ROWS * ROWS : 0)
+#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED) + SLOPES_SIZE)
 #ifdef SCENE_AS_DATA
 int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
 #else
@@ -29,9 +30,14 @@ APART double work_of(const Step *s, const Unknowns fresh) {
 }
 #endif
 
-/* The last digit of what an unknown is added to, where that is a coordinate: a stiff spring makes of it accelerations that
-   may be large beside those of a row that is hardly pushed. */
-INLINE double unseen(const Step *s, int r) { return FORM == 2 ? EPS * fabs(lane(s->base[r][0], 0)) : 0; }
+/* Whether what changes is the last digit of what it is added to, where that is a coordinate: a stiff spring makes of it
+   accelerations that may be large beside those of a row that is hardly pushed. Forces that balance are a sum that vanishes;
+   they are known where all coordinates are. */
+APART int is_unseen(const Step *s, const Unknowns fresh, int r) {
+    for (int d = FORM == 2 ? r : 0; d < (FORM == 2 ? r + 1 : N); d++)
+        if (!(largest(change_of(fresh[d], s->x[d])) <= EPS * fabs(lane(s->base[d][0], 0)))) return 0;
+    return !BY_DEFECT;
+}
 
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
    2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
@@ -44,7 +50,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         else c->idle[r] += 1;
         for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
         int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
-                      (!LEGENDRE_ITERATIONS && c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || now <= unseen(s, r)));
+                      (!LEGENDRE_ITERATIONS && c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || is_unseen(s, fresh, r)));
         all &= settled;
     }
     if (BY_DEFECT && !LEGENDRE_ITERATIONS && !all && c->stalled > 1) {
@@ -94,9 +100,11 @@ APART void save(const Run *r, double *row, double t, int64_t without_velocities)
 #endif
 }
 
+#include "slopes.c"
+
 #ifdef SCENE_APART
 static const Loop called_back = {
-    .stagnates = stagnates, .set_first_scale = set_first_scale, .place_start = place_start,
+    .stagnates = stagnates, .set_first_scale = set_first_scale, .place_start = place_start, .improve = improve,
 #if HALVES
     .work_of = work_of,
 #endif
@@ -148,6 +156,7 @@ APART void restore(Run *r, const RunArguments *a) {
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
     r->now.taken = r->next.taken = r->taken;
+    memset(&r->slopes, 0, sizeof r->slopes);
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
         const double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
@@ -159,6 +168,12 @@ APART void restore(Run *r, const RunArguments *a) {
         r->change.rate = carry->rate, r->change.work = carry->work, r->low = r->low ? r->low : (int64_t)carry->low;
         r->tried = carry->tried, memcpy(r->counts, carry->counts, sizeof r->counts);
         r->seidel = LONGER * r->counts[1] <= r->counts[0];
+        if (IMPROVES) {
+            const double *const kept = x + 3 * ROWS * PADDED, *const slopes = kept + SLOPES_TOLD;
+            memcpy(&r->slopes, kept, SLOPES_TOLD * sizeof(double)), COPY(r->slopes.of_places, slopes, ROWS * ROWS);
+            if (FORM == 2) COPY(r->slopes.of_speeds, slopes + ROWS * ROWS, ROWS * ROWS);
+            if (r->slopes.left > 0 && !(r->slopes.renew > 0)) invert(r);
+        }
     } else {
         for (int d = 0; d < N; d++) r->y[d] = a->start[d], r->y[N + d] = a->start[N + d], r->rest[d] = r->rest[N + d] = 0;
 #if FORM == 2
@@ -175,24 +190,37 @@ APART void restore(Run *r, const RunArguments *a) {
     }
 }
 
-/* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side. */
+/* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side, and then
+   with slopes. */
 INLINE int solve(Run *r, int64_t k) {
     Change *const c = &r->change;
     const Step *const s = &r->now;
     set_base(&r->now, r->y, r->rest, r->t0 + r->h * (double)k, &r->at);
     const int begun = r->now.count > 0;
-    if (r->tried < 2 * TRIAL) {
+    Slopes *const slopes = &r->slopes;
+    if (r->tried < 2 * TRIAL && !(slopes->left > 0)) {
         r->seidel = r->tried < TRIAL;
         if (r->tried == TRIAL) r->expected = 0, c->rate = 1;
     }
     if (!BY_DEFECT && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
-    for (;;) {
-        if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
+    double lost = FAILED;
+    for (int tried[2] = {0};;) {
+        const int improved = IMPROVES && slopes->left > 0;
         c->checks = 0, c->off = 0;
+        if (!r->now.count && improved && r->known) begin_improved(r);
+        if (improved && slopes->renew > 0) renew_slopes(r, k);
+        if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
         const int end = iterated(r, k, begun);
-        r->iterations += r->now.count;
+        r->iterations += r->now.count - (improved && r->known); /* that one begins with no evaluation */
         if (end) return 1;
-        if (!r->known) return BY_DEFECT && !LEGENDRE_ITERATIONS && c->now <= WANDERS;
+        lost += (double)r->now.count;
+        if (!r->known) {
+            tried[improved] = 1;
+            if (!IMPROVES || tried[!improved]) return BY_DEFECT && !LEGENDRE_ITERATIONS && c->now <= WANDERS;
+            if (improved) rest_from_slopes(r);
+            else begin_slopes(r, lost);
+        }
+        slopes->renew = 1;
         r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
     }
 }
@@ -224,7 +252,8 @@ INLINE int accept(Run *r) {
     /* where already the first look saw nothing but round-off, the next step looks earlier */
     r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count - spare(c, r->level, r->now.count);
     r->most_iterations = r->now.count > r->most_iterations ? r->now.count : r->most_iterations;
-    if (r->tried < 2 * TRIAL && r->known > 1) count_trial(r);
+    if (r->tried < 2 * TRIAL && r->known > 1 && !(r->slopes.left > 0)) count_trial(r);
+    if (IMPROVES) plan_slopes(r);
     memcpy(r->older, r->last, UNKNOWNS_SIZE), memcpy(r->last, r->now.x, UNKNOWNS_SIZE);
     r->known += r->known < 2, r->low -= r->low > 0;
     COPY(old, y, 2 * N), COPY(lost, rest, 2 * N);
@@ -270,6 +299,11 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
     COPY(at, r->y, 2 * N), COPY(at + 2 * N, r->rest, 2 * N);
     memcpy(x, r->last, UNKNOWNS_SIZE), memcpy(x + ROWS * PADDED, r->older, UNKNOWNS_SIZE);
     memcpy(x + 2 * ROWS * PADDED, r->now.x, UNKNOWNS_SIZE), carry->count = (double)r->now.count;
+    if (IMPROVES) {
+        double *const kept = x + 3 * ROWS * PADDED, *const slopes = kept + SLOPES_TOLD;
+        memcpy(kept, &r->slopes, SLOPES_TOLD * sizeof(double)), COPY(slopes, r->slopes.of_places, ROWS * ROWS);
+        if (FORM == 2) COPY(slopes + ROWS * ROWS, r->slopes.of_speeds, ROWS * ROWS);
+    }
     carry->tried = r->tried, memcpy(carry->counts, r->counts, sizeof r->counts);
     COPY(scales, r->change.scale, ROWS), COPY(scales + ROWS, r->change.noise, ROWS);
     carry->rate = r->change.rate, carry->work = r->change.work, carry->low = r->low > CAREFUL ? 0 : (double)r->low;

@@ -14,6 +14,7 @@ static void momentum_there(const V *q, const V *v, const V *t, const double *w, 
 
 const Scene scene = {
     .numbers = RHS_W + VELOCITY_W + MOMENTUM_W,
+    .work = EVALUATION,
     .needs_q = NEEDS_Q,
     .needs_p = NEEDS_P,
     .prepare = prepare_there,

@@ -135,12 +135,19 @@ APART void begin_next(Run *r) {
 INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     Unknowns fresh;
     int end = 0;
-    evaluate(&r->now, &r->at, r->h, r->w, r->seidel, !r->now.count, fresh);
+    const int improves = IMPROVES && r->slopes.left > 0;
+    evaluate(&r->now, &r->at, r->h, r->w, r->seidel && !improves, !r->now.count, fresh);
     if (r->now.count == 1) {
         copy_unknowns(r->now.x, fresh);
         return 0;
     }
-    if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
+    if (improves) {
+        Unknowns better;
+        copy_unknowns(better, fresh);
+        improve(r, r->now.x, better);
+        copy_unknowns(fresh, better);
+        if (HALVES) set_momenta(&r->now, STAGE_M1, fresh, 0, 0);
+    } else if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
         set_base_after(&r->next, &r->now, t_next, &r->at);
         if (!HALVES && !r->next.count) begin_next(r);
         else {

@@ -6,7 +6,7 @@
 #define MOST_NU 64
 
 typedef struct {
-    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect, legendre_iterations, halvings;
+    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect, legendre_iterations, halvings, work;
     const char *needs_q, *needs_p;
     const double *const *tables;
     /* accelerations; or forces, and velocities made of new momenta, and inertias where these are of momenta that are missed;
@@ -51,6 +51,10 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define LOW_OLDER_M0 scene->tables[21]
 #define LOW_ONE_M0 scene->tables[22]
 #define STAGE_INVERSE scene->tables[23]
+#define STAGE_MODES scene->tables[24]
+#define STAGE_OF_MODES scene->tables[25]
+#define MODE_RE scene->tables[26]
+#define MODE_IM scene->tables[27]
 #define PADDED (VECTORS * LANES)
 #define FILE_SIZE(tape) (LANES * scene->tape.registers)
 #define KICK_W FILE_SIZE(rhs[0])

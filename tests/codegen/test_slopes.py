@@ -1,0 +1,117 @@
+"""Steps whose iteration contracts poorly: slopes of one point make it simplified Newton steps."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from test_compiled import controls, simulated
+
+import varint as vi
+from varint.codegen.arguments import DONE
+from varint.codegen.cache import compiler
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.native import native_gauss
+from varint.codegen.newton import newton_kernel
+from varint.codegen.tableau import gauss_tableau
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+
+def arm(stiffness: float = 100.0, damping: float = 20.0, control: bool = False) -> vi.System:
+    """Two links that a stiff controller holds: its fastest motions die out within milliseconds."""
+    q, v = vi.coordinates("a", "b")
+    u = ca.SX.sym("u", 2) if control else None
+    speed = v[0] ** 2 / 2 + 0.4 * (v[0] ** 2 + 0.49 * (v[0] + v[1]) ** 2)
+    kinetic = speed + 0.56 * v[0] * (v[0] + v[1]) * ca.cos(q[1])
+    height = 1.8 * ca.sin(q[0]) + 0.56 * ca.sin(q[0] + q[1])
+    push = -stiffness * (q - ca.DM([0.5, 0.3])) - damping * v
+    if u is not None:
+        return vi.System(q, v, kinetic - 9.81 * height, force=push + u, control=u)
+    return vi.System(q, v, kinetic - 9.81 * height, force=push)
+
+
+def damped_spring() -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    energy = 40 * ca.sumsqr(q) + 0.3 * q[0] ** 2 * q[1]
+    return vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=-30 * v - 5 * ca.tanh(v))
+
+
+def stiff_chain() -> vi.System:
+    return vi.models.fpu_chain(omega=50.0).system
+
+
+def turned_by_a_field() -> vi.System:
+    q, v = vi.coordinates("x", "y", "z")
+    potential = ca.vertcat(-q[1], q[0], 0) * (8 + 0.1 * q[2] ** 2)
+    return vi.System(q, v, ca.sumsqr(v) / 2 + ca.dot(potential, v) - ca.sumsqr(q) / 2)
+
+
+# scene, stages, start, momenta, h: fixed-point iteration alone diverges there, or nearly so
+STIFF = {
+    "velocities and forces": (arm, 8, [0.0, 0.0], [0.0, 0.0], 0.1),
+    "the same with controls": (lambda: arm(control=True), 6, [0.0, 0.0], [0.0, 0.0], 0.1),
+    "accelerations, by speeds": (damped_spring, 4, [1.0, 0.5], [0.0, 2.0], 0.2),
+    "accelerations": (stiff_chain, 4, [1.0, 0, 0, 0.02, 0, 0], [1.0, 0, 0, 1.0, 0, 0], 0.1),
+    "a field": (turned_by_a_field, 8, [0.3, 0.0, 0.1], [0.5, 1.0, 0.2], 0.3),
+}
+
+
+@pytest.mark.parametrize("which", STIFF)
+def test_slopes_lead_to_the_stages_that_newtons_method_finds(which):
+    make, stages, q, p, h = STIFF[which]
+    system, rule = make(), vi.gauss(stages)
+    by_slopes, by_newton = gauss_kernel(system, rule), newton_kernel(system, rule)
+    u = controls(by_slopes, 20) if by_slopes.controls else None
+    one, other = (simulated(k, q, p, h, 20, system, u=u) for k in (by_slopes, by_newton))
+    assert one.status == other.status == DONE
+    size = np.abs(other.rows).max(axis=0)
+    assert (np.abs(one.rows - other.rows) / size).max() < 1e-11
+
+
+@pytest.mark.parametrize("which", STIFF)
+def test_with_slopes_too_data_have_the_bytes_of_code_and_pieces_those_of_the_whole(which):
+    make, stages, q, p, h = STIFF[which]
+    system, rule = make(), vi.gauss(stages)
+    tape, code = native_gauss(system, rule), gauss_kernel(system, rule)
+    u = controls(tape, 60) if tape.controls else None
+    one, other = (simulated(k, q, p, h, 60, system, u=u) for k in (tape, code))
+    assert one.rows.tobytes() == other.rows.tobytes()
+    assert one.carry.tobytes() == other.carry.tobytes()
+    assert one.iterations == other.iterations
+    carry = None
+    for first, kernel in ((0, tape), (15, code), (30, code), (45, tape)):
+        options = {"u": None if u is None else u[first : first + 15], "first": first}
+        piece = simulated(kernel, q, p, h, 15, system, carry=carry, **options)
+        carry = piece.carry
+        assert piece.rows[-1].tobytes() == one.rows[first + 15].tobytes()
+
+
+def test_a_stiff_step_takes_few_evaluations():
+    """ω h = 5, and a rate of damping times h of 13: alone the iteration diverges."""
+    for which in ("velocities and forces", "accelerations, by speeds", "accelerations"):
+        make, stages, q, p, h = STIFF[which]
+        system = make()
+        run = simulated(gauss_kernel(system, vi.gauss(stages)), q, p, h, 300, system)
+        assert run.status == DONE
+        assert run.iterations < 15 * 300
+
+
+def test_an_arm_that_is_held_stiffly_takes_no_more_steps_than_its_first_moments_ask_for():
+    """Thousands were needed for the iteration to contract, hundreds resolve the transient."""
+    for tol, most in ((1e-3, 600), (1e-6, 800)):
+        motion = vi.simulate(arm(), q0=[0.0, 0.0], v0=[0.0, 0.0], duration=10.0, tol=tol)
+        assert motion.stats["steps"] < most
+        rest = vi.simulate(arm(), q0=motion.q[-1], v0=[0.0, 0.0], duration=1.0, tol=1e-9)
+        assert np.abs(rest.q - motion.q[-1]).max() < tol
+
+
+@pytest.mark.parametrize("stages", (2, 4, 6, 8))
+def test_the_modes_of_the_rule_are_those_of_its_matrix(stages):
+    """b A b⁻¹ = back · (the eigenvalues, pair by pair) · to, to the digits that are kept."""
+    table, rule = gauss_tableau(stages), vi.gauss(stages)
+    half, b = stages // 2, np.array(rule.weights)
+    re, im = (np.diag(table[name][0, :half]) for name in ("MODE_RE", "MODE_IM"))
+    pairs = np.block([[re, -im], [im, re]])
+    found = table["STAGE_OF_MODES"] @ pairs @ table["STAGE_MODES"]
+    wanted = b[:, None] * np.array(rule.collocation, float) / b
+    assert np.abs(found - wanted).max() < 1e-6
+    assert np.abs(table["STAGE_OF_MODES"] @ table["STAGE_MODES"] - np.eye(stages)).max() < 1e-6

@@ -1,0 +1,179 @@
+/* Steps of a Gauss rule with slopes, as slopes.h has them: what depends on the size of a scene alone. */
+
+/* (I - l h J)^-1, or with FORM 2 (I - l h da/dv - l^2 h^2 da/dq)^-1, for every pair of eigenvalues l. */
+APART void invert(Run *r) {
+    const Slopes *const s = &r->slopes;
+    Pairs(*const re)[SLOPES_ROOM] = r->inverse[0], (*const im)[SLOPES_ROOM] = r->inverse[1];
+    Pairs l_re = {0}, l_im = {0};
+    memcpy(&l_re, MODE_RE, PAIRS * sizeof(double)), memcpy(&l_im, MODE_IM, PAIRS * sizeof(double));
+    const Pairs squared_re = l_re * l_re - l_im * l_im, squared_im = 2 * l_re * l_im, none = {0};
+    for (int i = 0; i < ROWS; i++)
+        for (int j = 0; j < ROWS; j++) {
+            const double slope = s->of_places[i * ROWS + j], by_speed = FORM == 2 && BOTH ? s->of_speeds[i * ROWS + j] : 0;
+            re[i][j] = (none + (i == j)) - (FORM == 2 ? squared_re * slope + l_re * by_speed : l_re * slope);
+            im[i][j] = none - (FORM == 2 ? squared_im * slope + l_im * by_speed : l_im * slope);
+        }
+    for (int k = 0; k < ROWS; k++) {
+        const Pairs size = re[k][k] * re[k][k] + im[k][k] * im[k][k], over_re = re[k][k] / size, over_im = -im[k][k] / size;
+        re[k][k] = none + 1, im[k][k] = none;
+        for (int j = 0; j < ROWS; j++) {
+            const Pairs x = re[k][j], y = im[k][j];
+            re[k][j] = over_re * x - over_im * y, im[k][j] = over_re * y + over_im * x;
+        }
+        for (int i = 0; i < ROWS; i++) {
+            if (i == k) continue;
+            const Pairs x = re[i][k], y = im[i][k];
+            re[i][k] = im[i][k] = none;
+            for (int j = 0; j < ROWS; j++) {
+                re[i][j] -= x * re[k][j] - y * im[k][j];
+                im[i][j] -= x * im[k][j] + y * re[k][j];
+            }
+        }
+    }
+}
+
+/* fresh = x + the inverse of what fresh misses. */
+APART void improve(const Run *r, const Unknowns x, Unknowns fresh) {
+    const Pairs(*const re)[SLOPES_ROOM] = r->inverse[0], (*const im)[SLOPES_ROOM] = r->inverse[1];
+    Pairs got[2][SLOPES_ROOM];
+    for (int i = 0; i < ROWS; i++) {
+        V missed[VECTORS], modes[VECTORS];
+        for (int k = 0; k < VECTORS; k++) missed[k] = fresh[i][k] - x[i][k], modes[k] = splat(0.0);
+        add_product(STAGE_MODES, missed, modes);
+        const double *const y = (const double *)modes;
+        got[0][i] = got[1][i] = (Pairs){0};
+        memcpy(&got[0][i], y, PAIRS * sizeof(double)), memcpy(&got[1][i], y + PAIRS, PAIRS * sizeof(double));
+    }
+    for (int i = 0; i < ROWS; i++) {
+        Pairs to_re = {0}, to_im = {0};
+        for (int j = 0; j < ROWS; j++) {
+            to_re += re[i][j] * got[0][j] - im[i][j] * got[1][j];
+            to_im += re[i][j] * got[1][j] + im[i][j] * got[0][j];
+        }
+        V modes[VECTORS], way[VECTORS];
+        for (int k = 0; k < VECTORS; k++) modes[k] = way[k] = splat(0.0);
+        memcpy(modes, &to_re, PAIRS * sizeof(double)), memcpy((double *)modes + PAIRS, &to_im, PAIRS * sizeof(double));
+        add_product(STAGE_OF_MODES, modes, way);
+        for (int k = 0; k < VECTORS; k++)
+            fresh[i][k] = x[i][k] + choose(MASK(r->at.b[k] != 0.0), way[k], splat(0.0));
+    }
+}
+
+/* The unknowns of the step at hand as the polynomial of the last ones has them, without an evaluation. */
+APART void begin_improved(Run *r) {
+    Step *const s = &r->now;
+    const int low = r->low > 0;
+    const double *const m = r->known > 1 ? low ? LOW_M0 : START_M0 : low ? LOW_ONE_M0 : START_ONE_M0;
+    for (int i = 0; i < ROWS; i++) {
+        for (int k = 0; k < VECTORS; k++) s->x[i][k] = splat(0.0);
+        add_product(m, r->last[i], s->x[i]);
+        if (r->known > 1) add_product(low ? LOW_OLDER_M0 : START_OLDER_M0, r->older[i], s->x[i]);
+        for (int k = 0; k < VECTORS; k++) s->x[i][k] = choose(MASK(r->at.b[k] != 0.0), s->x[i][k], splat(0.0));
+    }
+    set_momenta(s, STAGE_M1, s->x, 0, 0);
+    s->count = 1;
+}
+
+/* Right-hand sides times h b at points that stand where the stages begin. */
+INLINE const V (*evaluated_at_points(Run *r, int64_t k))[VECTORS] {
+    const Step *const s = &r->now;
+    const int64_t most = r->most;
+    const int seidel = r->seidel;
+    r->now.count = 0, r->most = 1, r->seidel = 0;
+    iterated(r, k, 0);
+    r->most = most, r->seidel = seidel;
+    return s->x;
+}
+
+/* Slopes of the right-hand side at a place and its momenta, or with FORM 2 its speeds, by differences from it, the points in
+   the lanes. */
+static void take_slopes(Run *r, int64_t k, const double *q, const double *z, double t) {
+    Slopes *const to = &r->slopes;
+    Step *const s = &r->now;
+    const int columns = BOTH ? 2 * N : N, each = STAGES - 1;
+    V(*const second)[VECTORS] = HALVES ? s->p : s->start + N, controls[MOST_NU + 1][VECTORS];
+    double most = 0;
+    copy_step(&r->next, s); /* nothing is begun there */
+    memcpy(controls, r->at.u, sizeof controls);
+    for (int m = 0; m < NU; m++)
+        for (int l = 0; l < VECTORS; l++) r->at.u[m][l] = splat(lane(controls[m][0], 0));
+    for (int l = 0; l < VECTORS; l++) s->t[l] = splat(t);
+    for (int d = 0; d < N; d++) most = fabs(q[d]) > most ? fabs(q[d]) : most;
+    for (int first = 0; first < columns; first += each) {
+        const int count = columns - first < each ? columns - first : each;
+        double off[STAGES];
+        for (int d = 0; d < N; d++)
+            for (int l = 0; l < VECTORS; l++) s->start[d][l] = splat(q[d]), second[d][l] = splat(z[d]);
+        for (int j = 1; j <= count; j++) {
+            const int c = first + j - 1, d = c % N;
+            const double here = c < N ? q[d] : z[d], way = FORM == 2 && c >= N ? r->change.scale[d] / fabs(r->h) : r->change.scale[c],
+                         size = fabs(here) + way, there = here + APART_BY * (size > 0 ? size : most > 0 ? most : 1);
+            off[j] = there - here;
+            set_lane(&(c < N ? s->start : second)[d][j / LANES], j % LANES, there);
+        }
+        const V(*const found)[VECTORS] = evaluated_at_points(r, k);
+        for (int j = 1; j <= count; j++) {
+            const int c = first + j - 1, by_speed = FORM == 2 && c >= N;
+            for (int i = 0; i < ROWS; i++) {
+                const double rise = lane(found[i][j / LANES], j % LANES) / STAGE_B[j] - lane(found[i][0], 0) / STAGE_B[0];
+                if (by_speed) to->of_speeds[i * ROWS + c - N] = rise / (r->h * off[j]);
+                else to->of_places[i * ROWS + c] = rise / off[j];
+            }
+        }
+    }
+    copy_step(s, &r->next);
+    memcpy(r->at.u, controls, sizeof controls);
+    r->next.count = 0;
+}
+
+/* Slopes in the middle of the step k, where its unknowns put it; of a fresh start, where it begins. */
+APART void renew_slopes(Run *r, int64_t k) {
+    const Step *const s = &r->now;
+    const int j = STAGES / 2;
+    double q[MOST_N], z[MOST_N];
+    V first[MOST_N][VECTORS], second[MOST_N][VECTORS];
+    if (s->count) place(s, &r->at, r->h, STAGE_M2, STAGE_M1, 0, s->x, 0, 0, 0, 0, first, second);
+    for (int d = 0; d < N; d++) {
+        const V *const place = s->count ? first[d] : s->base[d], *const other = HALVES ? s->count ? s->p[d] : s->base[N + d] : second[d];
+        q[d] = lane(place[j / LANES], j % LANES);
+        z[d] = HALVES || (s->count && BOTH) ? lane(other[j / LANES], j % LANES) : r->y[N + d] / r->h;
+    }
+    take_slopes(r, k, q, z, lane(s->t[j / LANES], j % LANES));
+    invert(r);
+    r->slopes.renew = 0, r->slopes.there = 1;
+}
+
+/* The steps to come are improved, since one took so many evaluations: each time longer, until that is not the shorter way. */
+INLINE void begin_slopes(Run *r, double evaluations) {
+    Slopes *const s = &r->slopes;
+    s->period = s->period > 0 ? s->period < LASTING ? 4 * s->period : LASTING : PERIOD;
+    s->left = s->period, s->renew = 1, s->was = evaluations, s->spent = s->made = 0;
+    r->expected = 0, r->change.rate = 1;
+}
+
+/* Plain steps follow, each time more of them. */
+INLINE void rest_from_slopes(Run *r) {
+    Slopes *const s = &r->slopes;
+    s->plain = s->rest = s->rest > 0 ? s->rest < LASTING ? 4 * s->rest : LASTING : REST;
+    s->period = s->left = 0, r->expected = 0, r->change.rate = 1;
+}
+
+/* After a step: whether the next ones are improved, and by new slopes. Where that is the longer way, plain ones are taken, each
+   time longer, while they can be. */
+INLINE void plan_slopes(Run *r) {
+    Slopes *const s = &r->slopes;
+#ifdef SCENE_APART
+    const Scene *const scene = r->now.scene;
+#endif
+    const double count = (double)r->now.count;
+    if (!(s->left > 0)) {
+        s->plain -= s->plain > 0;
+        if (count > SLOW * DEARER && r->known > 1 && !(s->plain > 0)) begin_slopes(r, count);
+        return;
+    }
+    s->spent += DEARER * (count - 1) + RENEWAL * s->there, s->there = 0, s->made += 1, s->left -= 1;
+    if (count > GROWN_OLD) s->renew = 1;
+    const int longer = s->spent > s->was * (s->made < TRIED ? TRIED : s->made);
+    if (longer) rest_from_slopes(r);
+    else if (!(s->left > 0)) r->expected = 0, r->change.rate = 1;
+}
