@@ -54,7 +54,7 @@ CASES = {
     "backwards": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], -20.0),
     "cart": (CART, [0.0, 1.0], [0.1, 0.0], 20.0),
     "polar": (FALLING, [1.5, 0.0], [0.0, 1.0], 15.0),
-    "long enough for a part": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 400.0),
+    "long enough for a part": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 380.0),
     "lost in its first part": (KEPLER, [0.1, 0.0], [0.0, 19**0.5], 40.0),
     "chaotic": (DOUBLE, [2.0, 1.0], [0.1, -0.3], 9.0),
     "at rest and chaotic": (DOUBLE, [2.0, 1.5], [0.0, 0.0], 9.0),
