@@ -197,7 +197,6 @@ typedef struct Loop {
     double (*work_of)(const Step *s, const Unknowns fresh);
     void (*set_first_scale)(struct Run *r, const Unknowns x);
     void (*place_start)(const struct Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older);
-    void (*improve)(const struct Run *r, const Unknowns x, Unknowns fresh);
 } Loop;
 #endif
 #define WORK scene->work
@@ -219,7 +218,6 @@ typedef struct Loop {
 #define work_of(s, fresh) OF_COPY((s)->loop->work_of(s, copied), fresh)
 #endif
 #define set_first_scale(r, x) OF_COPY((r)->now.loop->set_first_scale(r, copied), x)
-#define improve(r, x, fresh) (r)->now.loop->improve(r, x, fresh)
 #if AHEAD /* once a step: in line where a step is short */
 #if HALVES
 #define START APART
@@ -236,7 +234,6 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
 APART double work_of(const Step *s, const Unknowns fresh);
 #endif
 APART void set_first_scale(struct Run *r, const Unknowns x);
-APART void improve(const struct Run *r, const Unknowns x, Unknowns fresh);
 APART void place_start(const struct Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older);
 #endif
 #if !HALVES
@@ -417,4 +414,29 @@ INLINE V change_of(const V *fresh, const V *x) {
     V d = v_fabs(fresh[0] - x[0]);
     for (int k = 1; k < VECTORS; k++) d = v_fmax(d, v_fabs(fresh[k] - x[k]));
     return d;
+}
+
+/* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
+   level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
+   change says nothing about contraction. */
+INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level, int moved) {
+    const V(*const x)[VECTORS] = s->x;
+    V worst = change_of(fresh[0], x[0]) * c->inverse[0];
+    for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
+    double now = largest(worst), before = c->now;
+    int done = now <= EPS || (BY_DEFECT && c->work > 0 && work_of(s, fresh) <= 2 * c->work); /* as round-off was before */
+    c->left = now * c->rate;
+    if (moved) return done | (now * c->rate <= level);
+    if (!c->checks++) {
+        c->first = c->lowest = now, c->stalled = 0;
+        for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
+        done |= now * c->rate <= level; /* the rate of the last step */
+    } else {
+        if (now < 0.5 * c->lowest) c->lowest = now, c->stalled = 0;
+        else c->stalled += 1;
+        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(s, fresh, c, level));
+        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0, c->left = now * c->rate;
+    }
+    c->now = now;
+    return done;
 }

@@ -104,7 +104,7 @@ APART void save(const Run *r, double *row, double t, int64_t without_velocities)
 
 #ifdef SCENE_APART
 static const Loop called_back = {
-    .stagnates = stagnates, .set_first_scale = set_first_scale, .place_start = place_start, .improve = improve,
+    .stagnates = stagnates, .set_first_scale = set_first_scale, .place_start = place_start,
 #if HALVES
     .work_of = work_of,
 #endif
@@ -210,7 +210,7 @@ INLINE int solve(Run *r, int64_t k) {
         if (!r->now.count && improved && r->known) begin_improved(r);
         if (improved && slopes->renew > 0) renew_slopes(r, k);
         if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
-        const int end = iterated(r, k, begun);
+        const int end = improved ? iterated_with_slopes(r, k) : iterated(r, k, begun);
         r->iterations += r->now.count - (improved && r->known); /* that one begins with no evaluation */
         if (end) return 1;
         lost += (double)r->now.count;

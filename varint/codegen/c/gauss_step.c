@@ -99,31 +99,6 @@ INLINE double going_off(const Step *s, const Unknowns fresh, const Change *c) {
     return lane(in_all_lanes(off), 0);
 }
 
-/* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
-   level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
-   change says nothing about contraction. */
-INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level, int moved) {
-    const V(*const x)[VECTORS] = s->x;
-    V worst = change_of(fresh[0], x[0]) * c->inverse[0];
-    for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
-    double now = largest(worst), before = c->now;
-    int done = now <= EPS || (BY_DEFECT && c->work > 0 && work_of(s, fresh) <= 2 * c->work); /* as round-off was before */
-    c->left = now * c->rate;
-    if (moved) return done | (now * c->rate <= level);
-    if (!c->checks++) {
-        c->first = c->lowest = now, c->stalled = 0;
-        for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
-        done |= now * c->rate <= level; /* the rate of the last step */
-    } else {
-        if (now < 0.5 * c->lowest) c->lowest = now, c->stalled = 0;
-        else c->stalled += 1;
-        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(s, fresh, c, level));
-        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0, c->left = now * c->rate;
-    }
-    c->now = now;
-    return done;
-}
-
 /* Not in line: once a step it costs nothing, and the compiler half of its time. Halves are longer: written out but once. */
 APART void begin_next(Run *r) {
     place_start(r, &r->next, 2, r->now.x, r->last);
@@ -135,19 +110,12 @@ APART void begin_next(Run *r) {
 INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     Unknowns fresh;
     int end = 0;
-    const int improves = IMPROVES && r->slopes.left > 0;
-    evaluate(&r->now, &r->at, r->h, r->w, r->seidel && !improves, !r->now.count, fresh);
+    evaluate(&r->now, &r->at, r->h, r->w, r->seidel, !r->now.count, fresh);
     if (r->now.count == 1) {
         copy_unknowns(r->now.x, fresh);
         return 0;
     }
-    if (improves) {
-        Unknowns better;
-        copy_unknowns(better, fresh);
-        improve(r, r->now.x, better);
-        copy_unknowns(fresh, better);
-        if (HALVES) set_momenta(&r->now, STAGE_M1, fresh, 0, 0);
-    } else if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
+    if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
         set_base_after(&r->next, &r->now, t_next, &r->at);
         if (!HALVES && !r->next.count) begin_next(r);
         else {

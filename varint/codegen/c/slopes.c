@@ -70,19 +70,19 @@ APART void begin_improved(Run *r) {
         if (r->known > 1) add_product(low ? LOW_OLDER_M0 : START_OLDER_M0, r->older[i], s->x[i]);
         for (int k = 0; k < VECTORS; k++) s->x[i][k] = choose(MASK(r->at.b[k] != 0.0), s->x[i][k], splat(0.0));
     }
-    set_momenta(s, STAGE_M1, s->x, 0, 0);
     s->count = 1;
 }
 
-/* Right-hand sides times h b at points that stand where the stages begin. */
-INLINE const V (*evaluated_at_points(Run *r, int64_t k))[VECTORS] {
+/* x = h b times the right-hand side at the points that stand where the stages begin. */
+INLINE void evaluate_there(Run *r, int64_t k) {
+#ifdef SCENE_APART
     const Step *const s = &r->now;
+#endif
     const int64_t most = r->most;
     const int seidel = r->seidel;
     r->now.count = 0, r->most = 1, r->seidel = 0;
     iterated(r, k, 0);
     r->most = most, r->seidel = seidel;
-    return s->x;
 }
 
 /* Slopes of the right-hand side at a place and its momenta, or with FORM 2 its speeds, by differences from it, the points in
@@ -111,11 +111,11 @@ static void take_slopes(Run *r, int64_t k, const double *q, const double *z, dou
             off[j] = there - here;
             set_lane(&(c < N ? s->start : second)[d][j / LANES], j % LANES, there);
         }
-        const V(*const found)[VECTORS] = evaluated_at_points(r, k);
+        evaluate_there(r, k);
         for (int j = 1; j <= count; j++) {
             const int c = first + j - 1, by_speed = FORM == 2 && c >= N;
             for (int i = 0; i < ROWS; i++) {
-                const double rise = lane(found[i][j / LANES], j % LANES) / STAGE_B[j] - lane(found[i][0], 0) / STAGE_B[0];
+                const double rise = lane(s->x[i][j / LANES], j % LANES) / STAGE_B[j] - lane(s->x[i][0], 0) / STAGE_B[0];
                 if (by_speed) to->of_speeds[i * ROWS + c - N] = rise / (r->h * off[j]);
                 else to->of_places[i * ROWS + c] = rise / off[j];
             }
@@ -132,7 +132,7 @@ APART void renew_slopes(Run *r, int64_t k) {
     const int j = STAGES / 2;
     double q[MOST_N], z[MOST_N];
     V first[MOST_N][VECTORS], second[MOST_N][VECTORS];
-    if (s->count) place(s, &r->at, r->h, STAGE_M2, STAGE_M1, 0, s->x, 0, 0, 0, 0, first, second);
+    if (s->count) set_momenta(&r->now, STAGE_M1, s->x, 0, 0), place(s, &r->at, r->h, STAGE_M2, STAGE_M1, 0, s->x, 0, 0, 0, 0, first, second);
     for (int d = 0; d < N; d++) {
         const V *const place = s->count ? first[d] : s->base[d], *const other = HALVES ? s->count ? s->p[d] : s->base[N + d] : second[d];
         q[d] = lane(place[j / LANES], j % LANES);
@@ -141,6 +141,31 @@ APART void renew_slopes(Run *r, int64_t k) {
     take_slopes(r, k, q, z, lane(s->t[j / LANES], j % LANES));
     invert(r);
     r->slopes.renew = 0, r->slopes.there = 1;
+}
+
+/* Step k until its end, or until no end is to be expected: `iterated` with what evaluations miss taken through the inverse. */
+APART int iterated_with_slopes(Run *r, int64_t k) {
+    Change *const c = &r->change;
+    Step *const s = &r->now;
+    Unknowns x, fresh;
+    int end = 0;
+    if (!s->count) evaluate_there(r, k);
+    while (s->count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first))) {
+        const int64_t count = s->count;
+        copy_unknowns(x, s->x);
+        set_momenta(s, STAGE_M1, x, 0, 0);
+        place(s, &r->at, r->h, STAGE_M2, STAGE_M1, 0, x, 0, 0, 0, 0, s->start, s->start + N);
+        evaluate_there(r, k);
+        copy_unknowns(fresh, s->x), copy_unknowns(s->x, x);
+        improve(r, x, fresh);
+        s->count = count + 1;
+        if (s->count + 1 >= r->expected) {
+            if (!r->known) set_first_scale(r, fresh);
+            end = settled(s, fresh, c, r->level, 0);
+        }
+        copy_unknowns(s->x, fresh);
+    }
+    return end;
 }
 
 /* The steps to come are improved, since one took so many evaluations: each time longer, until that is not the shorter way. */
