@@ -165,3 +165,10 @@ def test_a_run_with_contacts_keeps_its_event_nodes_when_it_is_watched_and_thinne
     np.testing.assert_allclose(
         motion.at([0.3, 1.7, 4.01]).q, whole.at([0.3, 1.7, 4.01]).q, rtol=0, atol=1e-14
     )
+
+
+@pytest.mark.parametrize("wrong", [Q, [Q], np.ones(2)])
+@pytest.mark.parametrize("asked", [dict(duration=2.0), dict(h=0.1, steps=5)])
+def test_events_that_are_no_dictionary_are_refused(asked, wrong):
+    with pytest.raises(vi.InputError, match="a dictionary of names and expressions"):
+        vi.simulate(OSCILLATOR, q0=1.0, v0=0.0, events=wrong, **asked)

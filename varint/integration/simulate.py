@@ -190,6 +190,10 @@ def simulate(
         tol, iteration_tol = _tolerances(tol, iteration_tol, stepped)
     if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
         h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
+    if not (events is None or type(events) is dict):
+        from varint.integration.events.crossings import parse_watches
+
+        parse_watches(events)  # refuses what is no mapping
     if plain and time_scale is None and backend == "auto":
         if stepped:
             known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
