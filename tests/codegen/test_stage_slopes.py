@@ -55,32 +55,34 @@ STIFF = {
 }
 
 
+def runs_by(which, steps, *kernels):
+    """The scene, its start and controls, and its runs by kernels of a scene and a rule."""
+    make, stages, *start = STIFF[which]
+    system, rule = make(), vi.gauss(stages)
+    made = [kernel(system, rule) for kernel in kernels]
+    u = controls(made[0], steps) if made[0].controls else None
+    found = [simulated(k, *start, steps, system, u=u) for k in made]
+    assert all(run.status == DONE for run in found)
+    return (system, start, u, made), *found
+
+
 @pytest.mark.parametrize("which", STIFF)
 def test_slopes_lead_to_the_stages_that_newtons_method_finds(which):
-    make, stages, q, p, h = STIFF[which]
-    system, rule = make(), vi.gauss(stages)
-    by_slopes, by_newton = gauss_kernel(system, rule), newton_kernel(system, rule)
-    u = controls(by_slopes, 20) if by_slopes.controls else None
-    one, other = (simulated(k, q, p, h, 20, system, u=u) for k in (by_slopes, by_newton))
-    assert one.status == other.status == DONE
+    _, one, other = runs_by(which, 20, gauss_kernel, newton_kernel)
     size = np.abs(other.rows).max(axis=0)
     assert (np.abs(one.rows - other.rows) / size).max() < 1e-11
 
 
 @pytest.mark.parametrize("which", STIFF)
 def test_with_slopes_too_data_have_the_bytes_of_code_and_pieces_those_of_the_whole(which):
-    make, stages, q, p, h = STIFF[which]
-    system, rule = make(), vi.gauss(stages)
-    tape, code = native_gauss(system, rule), gauss_kernel(system, rule)
-    u = controls(tape, 60) if tape.controls else None
-    one, other = (simulated(k, q, p, h, 60, system, u=u) for k in (tape, code))
+    (system, start, u, (tape, code)), one, other = runs_by(which, 60, native_gauss, gauss_kernel)
     assert one.rows.tobytes() == other.rows.tobytes()
     assert one.carry.tobytes() == other.carry.tobytes()
     assert one.iterations == other.iterations
     carry = None
     for first, kernel in ((0, tape), (15, code), (30, code), (45, tape)):
         options = {"u": None if u is None else u[first : first + 15], "first": first}
-        piece = simulated(kernel, q, p, h, 15, system, carry=carry, **options)
+        piece = simulated(kernel, *start, 15, system, carry=carry, **options)
         carry = piece.carry
         assert piece.rows[-1].tobytes() == one.rows[first + 15].tobytes()
 
@@ -88,10 +90,7 @@ def test_with_slopes_too_data_have_the_bytes_of_code_and_pieces_those_of_the_who
 def test_a_stiff_step_takes_few_evaluations():
     """ω h = 5, and a rate of damping times h of 13: alone the iteration diverges."""
     for which in ("velocities and forces", "accelerations, by speeds", "accelerations"):
-        make, stages, q, p, h = STIFF[which]
-        system = make()
-        run = simulated(gauss_kernel(system, vi.gauss(stages)), q, p, h, 300, system)
-        assert run.status == DONE
+        _, run = runs_by(which, 300, gauss_kernel)
         assert run.iterations < 15 * 300
 
 
