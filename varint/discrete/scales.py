@@ -98,13 +98,14 @@ def _in_operations(function: ca.Function) -> ca.Function:
     """A function with the operations of all that it calls in place of the calls, none of which is
     simplified; itself where one of them is a solve.
     """
+    before = ca.GlobalOptions.getSimplificationOnTheFly()
     ca.GlobalOptions.setSimplificationOnTheFly(False)
     try:
         return function.expand()
     except RuntimeError:
         return function
     finally:
-        ca.GlobalOptions.setSimplificationOnTheFly(True)
+        ca.GlobalOptions.setSimplificationOnTheFly(before)
 
 
 def _start(system: System) -> list[ca.MX]:
