@@ -47,6 +47,7 @@ from varint.integration.plain_start import (
     room_of,
     velocities_in,
 )
+from varint.integration.repeated import remember
 from varint.integration.short_refinement import looked_at_closely
 from varint.integration.short_scenes import Known, chosen_in, fastest_of, known_of, looked_between
 from varint.integration.short_trials import (
@@ -191,7 +192,7 @@ def by_the_core(
     """`short_call` from the start that is there, with what is watched for, over a duration in which
     the motion turns by so much; VARIES and more where steps should follow one of the rates.
     """
-    chosen = room.chosen
+    chosen = before = room.chosen
     if chosen is None or chosen[0] is not turned or chosen[1] != tol:
         chosen = room.chosen = turned, tol, *chosen_in(system, known, turned[1], tol)
     _, _, loop, first = chosen
@@ -221,7 +222,11 @@ def by_the_core(
     if low:
         kernel_after(low, perf_counter() - now, 0.0)
     if type(found) is Trajectory:
-        return found if times is None else between_nodes(found, kernel, times)
+        if times is not None:
+            return between_nodes(found, kernel, times)
+        if chosen is before and not low:
+            remember(system, known.rule, room, known.rooms, gears.high, made, rates, c, how)
+        return found
     if isinstance(found, tuple):
         return looked_at(rule, *found, tol)
     # where one map does not do, steps of another rule may

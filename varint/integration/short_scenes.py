@@ -48,14 +48,16 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
-    cheapest when, their loops as far as they were asked for, whether steps may vary and the
-    rates that they may follow, whether momenta will do for all of that, whether constraint rows
-    hold the motion, and the last local numbers of a start as bytes and the fastest frequency of
+    """Of a scene: coordinates, the rule that is asked for, rooms that nobody uses, rules, their
+    prices and which is the cheapest when, their loops as far as they were asked for, whether steps
+    may vary and the rates that they may follow, whether momenta will do for all of that, whether
+    constraint rows hold the motion, and the last local numbers of a start as bytes and the fastest
+    frequency of
     these.
     """
 
     n: int
+    rule: Rule | None
     rooms: list[Room]
     rules: tuple[Priced, ...]
     changes: tuple[list[float], list[int]]
@@ -87,7 +89,7 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     rates = rates_to_follow(system) if varies and shows_its_error(system) else [NO_RATES]
     loops: list[Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
-    return Known(n, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])
+    return Known(n, rule, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])
 
 
 def _is_plainly_held(system: System) -> bool:

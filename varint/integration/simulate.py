@@ -159,6 +159,33 @@ def simulate(
     """
     if type(system) is not System:
         require_system(system)
+    motion = _repeated_call()(
+        system,
+        rule,
+        q0,
+        v0,
+        p0,
+        h,
+        steps,
+        duration,
+        t0,
+        u,
+        params,
+        save_every,
+        at,
+        until,
+        events,
+        time_scale,
+        tol,
+        scale,
+        iteration_tol,
+        progress,
+        backend,
+        checkpoint,
+        on_failure,
+    )
+    if motion is not None:
+        return motion
     began, tried, times = perf_counter(), None, None
     if at is not None:
         times = times_of(at)
@@ -252,8 +279,15 @@ def simulate(
 
 
 @cache
-def _few_steps() -> ModuleType:
+def _repeated_call() -> Callable[..., Trajectory | None]:
     """Loaded when asked for, as are those below; to ask again takes a short run's time."""
+    from varint.integration.repeated import repeated_call
+
+    return repeated_call()
+
+
+@cache
+def _few_steps() -> ModuleType:
     from varint.integration import few_steps
 
     return few_steps

@@ -30,8 +30,8 @@ enum Status { PROVED, DOUBTED = 3 };
 enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
 enum { AT_TIMES, STEPS, STEPS_SCENE, MOST, WHOLE, BETWEEN };
-enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, NAMES };
-static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__"};
+enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, REPEATED_NAME, KNOWN_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__", "_repeated", "known"};
 static PyObject *names[NAMES];
 
 #define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)
@@ -178,21 +178,25 @@ static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObjec
 
 static int is_tuple_of(PyObject *x, Py_ssize_t size) { return PyTuple_Check(x) && PyTuple_GET_SIZE(x) == size; }
 
-/* (how, places, system, c, t0, duration, first, radians, tol, rates, began[, times, between]) -> the motion, at these times where
-   it can be looked at there, with its estimated error where more is to be looked at before it is proved; or what the core says. */
-static PyObject *prove(PyObject *self, PyObject *const *given, Py_ssize_t count) {
-    if (count != 11 && count != 13) return PyErr_Format(PyExc_TypeError, "eleven arguments are needed, or thirteen");
-    PyObject *const how = given[0], *const places = given[1];
-    if (!is_tuple_of(how, MADE) || !is_tuple_of(places, PLACES) || !PyTuple_Check(given[9]) || !PyTuple_GET_SIZE(given[9]) ||
-        (count > 11 && !is_tuple_of(given[12], BETWEEN)))
+/* A run that is wanted, in the order of the arguments of `prove`. */
+typedef struct {
+    PyObject *how, *places, *system, *c, *rates, *times, *between;
+    double t0, duration, radians, tol, began;
+    int64_t first;
+} Wanted;
+
+/* The motion, at these times where it can be looked at there, with its estimated error where more is to be looked at before it is
+   proved; or what the core says. */
+static PyObject *proved(const Wanted *w) {
+    PyObject *const how = w->how;
+    if (!is_tuple_of(how, MADE) || !is_tuple_of(w->places, PLACES) || !PyTuple_Check(w->rates) || !PyTuple_GET_SIZE(w->rates) ||
+        (w->times && !is_tuple_of(w->between, BETWEEN)))
         return PyErr_Format(PyExc_TypeError, "how runs are made, places and rates are needed, and how they are looked at between nodes");
-    PyObject *const head = ITEM(how, HEAD), *const place = ITEM(places, PLACE);
+    PyObject *const head = ITEM(how, HEAD), *const place = ITEM(w->places, PLACE);
     if (!PyBytes_Check(head) || !PyBytes_Check(place) || PyBytes_GET_SIZE(head) > LONGEST_COURSE || PyBytes_GET_SIZE(place) != sizeof(Place))
         return PyErr_Format(PyExc_TypeError, "a course or places are of another size");
     int (*const entry)(const void *) = (int (*)(const void *))PyLong_AsVoidPtr(ITEM(how, ENTRY));
-    const Asked asked = {PyLong_AsLongLong(given[6]), PyFloat_AsDouble(given[4]), PyFloat_AsDouble(given[5]), PyFloat_AsDouble(given[7]),
-                         PyFloat_AsDouble(given[8]), PyLong_AsVoidPtr(ITEM(given[9], 0))};
-    const double began = PyFloat_AsDouble(given[10]);
+    const Asked asked = {w->first, w->t0, w->duration, w->radians, w->tol, PyLong_AsVoidPtr(ITEM(w->rates, 0))};
     if (PyErr_Occurred()) return 0;
     const size_t size = PyBytes_GET_SIZE(head);
     char call[LONGEST_COURSE + sizeof(Place) + sizeof(Asked)] __attribute__((aligned(8)));
@@ -205,16 +209,27 @@ static PyObject *prove(PyObject *self, PyObject *const *given, Py_ssize_t count)
     Py_END_ALLOW_THREADS
     if (status != PROVED && status != DOUBTED) return PyLong_FromLong(status);
     const Proved found = *at.found;
-    AtTimes there = {0};
-    if (count > 11) there.times = given[11], there.between = given[12];
+    AtTimes there = {w->times, w->between};
     const int looked = status != PROVED || !there.times || look_between(&there, how, &asked, &at, &found);
-    PyObject *const motion = looked ? motion_of(given[2], given[3], how, places, &asked, &found, &there, began) : 0;
+    PyObject *const motion = looked ? motion_of(w->system, w->c, how, w->places, &asked, &found, &there, w->began) : 0;
     free(found.run);
     Py_XDECREF(there.states), Py_XDECREF(there.whole);
     return status == PROVED || !motion ? motion : Py_BuildValue("(Nd)", motion, found.estimate);
 }
 
-static PyMethodDef methods[] = {{"prove", (PyCFunction)(void (*)(void))prove, METH_FASTCALL, 0}, {0}};
+/* (how, places, system, c, t0, duration, first, radians, tol, rates, began[, times, between]) -> what `proved` gives. */
+static PyObject *prove(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+    if (count != 11 && count != 13) return PyErr_Format(PyExc_TypeError, "eleven arguments are needed, or thirteen");
+    const Wanted wanted = {given[0], given[1], given[2], given[3], given[9], count > 11 ? given[11] : 0, count > 11 ? given[12] : 0,
+                           PyFloat_AsDouble(given[4]), PyFloat_AsDouble(given[5]), PyFloat_AsDouble(given[7]), PyFloat_AsDouble(given[8]),
+                           PyFloat_AsDouble(given[10]), PyLong_AsLongLong(given[6])};
+    return PyErr_Occurred() ? 0 : proved(&wanted);
+}
+
+#include "repeated.h"
+
+#define FAST(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, 0}
+static PyMethodDef methods[] = {FAST(prove), FAST(repeated), {0}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_direct", 0, -1, methods};
 
 PyMODINIT_FUNC PyInit__direct(void) {

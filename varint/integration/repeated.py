@@ -1,0 +1,97 @@
+"""Default calls of the same start and duration as the one before: all that is looked up for them is
+there, and one call of c/direct.c makes the motion.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varint.codegen.built import built_module
+from varint.codegen.kernel import Kernel
+from varint.codegen.two_runs import Places, Rates
+from varint.integration.even_motion import Made
+from varint.integration.plain_start import Room
+from varint.integration.tolerance import DEFAULT_TOL
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+PLACE = "_repeated"  # of a system's attributes
+BY_DEFAULT = "auto", "raise", 1  # backend, on_failure, save_every
+_LAST = struct.Struct("6d")
+
+
+class Repeated(NamedTuple):
+    """What a call was asked for, and what was looked up for it. The fields are those of
+    c/repeated.h.
+
+    Attributes
+    ----------
+    last : bytes
+        t0, duration, tol and the one by default, radians and steps that the first run begins with.
+    state : bytes
+        Coordinates and velocities of the start.
+    rule : Rule or None
+    by_default : tuple
+        What must be asked for besides.
+    room, pool, known
+        Where the start is, where that lies when nobody uses it, and the start that is known there.
+    high, kernel
+        The compiled loop as it is now, and as it was.
+    how, places, c, rates
+        As `proved_motion` takes them.
+    """
+
+    last: bytes
+    state: bytes
+    rule: Rule | None
+    by_default: tuple[str, str, int]
+    room: Room
+    pool: list[Room]
+    known: tuple[bytes, float] | None
+    high: list[Kernel]
+    kernel: Kernel
+    how: Made
+    places: Places
+    c: np.ndarray
+    rates: list[Rates]
+
+
+@cache
+def repeated_call() -> Callable[..., Trajectory | None]:
+    """(the arguments of `simulate`) → the motion, if they are those that were remembered; None
+    where another way is to be taken.
+    """
+    built = built_module()
+    return _never if built is None else built.repeated  # type: ignore[no-any-return]
+
+
+def _never(*_: Any) -> None:
+    return None
+
+
+def remember(
+    system: System,
+    rule: Rule | None,
+    room: Room,
+    pool: list[Room],
+    high: list[Kernel],
+    how: Made,
+    rates: list[Rates],
+    c: np.ndarray,
+    asked: tuple[float, float, int, float, float],
+) -> None:
+    """That a call for t0, duration, first steps, radians and tol went so, from the start in a room;
+    by the compiled loop that is the high gear now.
+    """
+    if room.known is None or built_module() is None:
+        return
+    t0, duration, first, radians, tol = asked
+    last = _LAST.pack(t0, duration, tol, DEFAULT_TOL, radians, first)
+    there = room, pool, room.known, high, how.course.kernel, how, room.places
+    system.__dict__[PLACE] = Repeated(last, room.known[0], rule, BY_DEFAULT, *there, c, rates)
