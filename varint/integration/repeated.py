@@ -5,9 +5,7 @@ there, and one call of c/direct.c makes the motion.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +15,6 @@ from varint.codegen.two_runs import Places, Rates
 from varint.integration.even_motion import Made
 from varint.integration.plain_start import Room
 from varint.integration.tolerance import DEFAULT_TOL
-from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -60,19 +57,6 @@ class Repeated(NamedTuple):
     places: Places
     c: np.ndarray
     rates: list[Rates]
-
-
-@cache
-def repeated_call() -> Callable[..., Trajectory | None]:
-    """(the arguments of `simulate`) → the motion, if they are those that were remembered; None
-    where another way is to be taken.
-    """
-    built = built_module()
-    return _never if built is None else built.repeated  # type: ignore[no-any-return]
-
-
-def _never(*_: Any) -> None:
-    return None
 
 
 def remember(

@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.codegen.built import built_module
 from varint.errors import ConvergenceError, InputError
 from varint.integration.asked_times import only_at, until_last
 from varint.integration.fixed_steps import over_switches_after, simulate_steps
@@ -280,14 +281,18 @@ def simulate(
 
 @cache
 def _repeated_call() -> Callable[..., Trajectory | None]:
-    """Loaded when asked for, as are those below; to ask again takes a short run's time."""
-    from varint.integration.repeated import repeated_call
+    """(the arguments of `simulate`) → its motion, if it was asked for before; see c/repeated.h."""
+    built = built_module()
+    return _not_repeated if built is None else built.repeated  # type: ignore[no-any-return]
 
-    return repeated_call()
+
+def _not_repeated(*_: Any) -> None:
+    return None
 
 
 @cache
 def _few_steps() -> ModuleType:
+    """Loaded when asked for, as are those below; to ask again takes a short run's time."""
     from varint.integration import few_steps
 
     return few_steps

@@ -20,6 +20,8 @@ static double by_round_off(const Case *a, const Attempt *run, const Doubt *of);
 /* The number of a rate that steps should follow, since it varies along a run that went astray; less than none: of none. */
 static int64_t varying_rate(const Case *a, const Attempt *run);
 static void keep(const Case *a, Attempt *run, double estimate);
+/* Whether a run of so many steps is made here. */
+static int is_short(const Case *a, double steps);
 
 /* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
 static double level_for(const Case *a, double wanted, int64_t steps) {
@@ -111,7 +113,10 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
         if (!try_run(a, steps, rough, (int64_t)l->parts, 1, &coarse)) goto end;
         const double likely = expected_of(a, &coarse.seen);
         if (coarse.seen.lost && (rate = varying_rate(a, &coarse)) >= 0) goto varies;
-        if (rough / l->part_close < likely && likely < rough * l->part_close) break;
+        if (rough / l->part_close < likely && likely < rough * l->part_close) {
+            if (!is_short(a, steps * ratio_for(a, l->margin * likely, a->tol, l->most))) goto end; /* the finer run */
+            break;
+        }
         double factor = likely - likely == 0 ? pow((likely > 1e-300 ? likely : 1e-300) / rough, 1 / p) : 2;
         factor = factor < 0.5 ? 0.5 : factor > 2 ? 2 : factor;
         steps = shared(steps * factor);

@@ -144,6 +144,8 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     return 1;
 }
 
+static int is_short(const Case *a, double steps) { return steps <= (double)a->longest; }
+
 static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early, double *beyond) {
     const int64_t n = a->n, unit = common_divisor(one->seen.steps, other->seen.steps), few = one->seen.steps / unit,
                   many = other->seen.steps / unit;
