@@ -7,34 +7,14 @@ not as it should be, and says what.
 
 from __future__ import annotations
 
-import warnings
-from functools import cache
 from time import perf_counter
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import (
-    NO_OPENING,
-    NO_RATES,
-    NOT_PROVED,
-    UNASKED,
-    UNSEARCHED,
-    VARIES,
-    Rates,
-    runs_made,
-)
-from varint.integration.energy_leap import energy_leap
-from varint.integration.even_motion import (
-    Made,
-    between_nodes,
-    even_motion_of,
-    made_of,
-    proved_motion,
-)
-from varint.integration.gears import Gears, kernel_after, kernel_now
+from varint.codegen.two_runs import NO_RATES, NOT_PROVED, UNASKED, VARIES, Rates, runs_made
+from varint.integration.even_motion import between_nodes, made_of, proved_motion
+from varint.integration.gears import kernel_after, kernel_now
 from varint.integration.linear_run import is_one_map
 from varint.integration.plain_start import (
     LARGE,
@@ -43,17 +23,13 @@ from varint.integration.plain_start import (
     begin_at,
     begin_by_momentum,
     is_plain_number,
-    opening_in,
     room_of,
     velocities_in,
 )
 from varint.integration.repeated import remember
-from varint.integration.short_refinement import looked_at_closely
+from varint.integration.short_by_python import by_python, looked_at
 from varint.integration.short_scenes import Known, chosen_in, fastest_of, known_of, looked_between
-from varint.integration.short_trials import (
-    course_by,
-    two_short_runs,
-)
+from varint.integration.short_trials import course_by
 from varint.integration.small_motions import angles_turned
 from varint.integration.time_transformation.rate_ahead import (
     NOTHING,
@@ -65,7 +41,6 @@ from varint.integration.time_transformation.rate_pilot import RatePilot
 from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import with_stats
-from varint.integration.two_runs import shows_its_error
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -210,7 +185,7 @@ def by_the_core(
     if known.held or watched is not None:
         asked = t0, duration, first, radians, tol
         call = system, known, made, kernel, room, c, asked, low, rates, began, watched
-        motion = _by_python(*call)
+        motion = by_python(*call)
         return motion if times is None else between_nodes(motion, kernel, times)
     now, prove = perf_counter() if low else 0.0, proved_motion()
     at, asked_for = room.places, () if times is None else looked_between(loop, kernel, times)
@@ -231,67 +206,3 @@ def by_the_core(
         return looked_at(rule, *found, tol)
     # where one map does not do, steps of another rule may
     return None if found == NOT_PROVED and is_one_map(system, rule) else found
-
-
-def _by_python(
-    system: System,
-    known: Known,
-    made: Made,
-    kernel: Kernel,
-    room: Room,
-    c: np.ndarray,
-    asked: tuple[float, float, int, float, float],
-    low: Gears | None,
-    rates: list[Rates],
-    began: float,
-    watched: Watched | None,
-) -> Trajectory | int | None:
-    """What c/direct.c does not make: held motions, and those that are watched."""
-    (t0, duration, *_, tol), opening, search = asked, NO_OPENING, UNSEARCHED
-    if watched is not None:
-        mapped = made.course.kernel is not kernel
-        wanted = _watched_runs().watched_in(system, kernel, mapped, room, c, watched)
-        if wanted is None:
-            return None
-        search = wanted
-    if known.held:
-        opening = opening_in(room, system).by_core
-    how = made.course, low, room.places, asked, rates
-    found = two_short_runs(system, *how, opening, search)
-    if room.opening is not None and room.opening.raised:
-        raise room.opening.raised.pop()
-    if isinstance(found, int):
-        elsewhere = known.held or (found == NOT_PROVED and is_one_map(system, made.blank["rule"]))
-        return None if elsewhere else found
-    steps, runs, estimate, iterations, residual, nodes, doubted, zeros = found
-    h = duration / steps
-    grid = h, t0, steps, iterations, residual
-    told, end = (perf_counter() - began, tol, estimate, made.name, runs), None
-    if watched is not None and zeros is not None:
-        end = _watched_runs().end_of(watched, zeros)
-    motion = even_motion_of(system, made, nodes, c, grid, told, end)
-    if watched is not None and zeros is not None and len(zeros):
-        happened = _watched_runs().events_of(system, watched, zeros, c, h, end)
-        motion.__dict__["events"] = happened
-    if not doubted:
-        return motion
-    if not shows_its_error(system):
-        seen = looked_at(motion.rule, motion, estimate, tol)
-        return None if known.held and seen == NOT_PROVED else seen
-    if (leap := energy_leap(motion, tol)) and (alarm := leap.alarm()):
-        warnings.warn(alarm, stacklevel=5)
-    return motion
-
-
-@cache
-def _watched_runs() -> ModuleType:
-    """Loaded when something is watched for."""
-    from varint.integration import watched_runs
-
-    return watched_runs
-
-
-def looked_at(rule: Rule, motion: Trajectory, estimate: float, tol: float) -> Trajectory | int:
-    """The motion with what a closer look says of its error; NOT_PROVED where that is too much."""
-    estimate = max(estimate, looked_at_closely(rule, motion, None, tol))
-    return NOT_PROVED if estimate > tol else with_stats(motion, error_estimate=estimate)
