@@ -124,12 +124,12 @@ INLINE int within(V x, double bound) { int y = 1; for (int i = 0; i < LANES; i++
 #define NEIGHBOURS(x) (V)_mm512_permute_pd((__m512d)(x), 0x55)
 INLINE void turned_lanes(V x, V *turned) {
     turned[0] = x, turned[2] = BLOCKS(x, 0xb1), turned[4] = BLOCKS(x, 0x4e), turned[6] = BLOCKS(x, 0x1b);
-    for (int r = 0; r < 8; r += 2) turned[r + 1] = NEIGHBOURS(turned[r]);
+    turned[1] = NEIGHBOURS(x), turned[3] = NEIGHBOURS(turned[2]), turned[5] = NEIGHBOURS(turned[4]), turned[7] = NEIGHBOURS(turned[6]);
 }
 #elif LANES == 4 && defined(__AVX__)
 INLINE void turned_lanes(V x, V *turned) {
     turned[0] = x, turned[2] = (V)_mm256_permute2f128_pd((__m256d)x, (__m256d)x, 1);
-    for (int r = 0; r < 4; r += 2) turned[r + 1] = (V)_mm256_permute_pd((__m256d)turned[r], 5);
+    turned[1] = (V)_mm256_permute_pd((__m256d)x, 5), turned[3] = (V)_mm256_permute_pd((__m256d)turned[2], 5);
 }
 #else
 INLINE void turned_lanes(V x, V *turned) {
