@@ -78,6 +78,8 @@ class Room:
         What loops of Newton's method are told besides, once it was asked for.
     known : bytes, float, optional
         The start that is there, known to be good with them: q and v, and the time.
+    met : bytes, float, optional
+        The last start that a motion was made from.
     seen : tuple, optional
         A `known` start that was looked at ahead of a run, and what was seen.
     chosen : tuple, optional
@@ -108,6 +110,7 @@ class Room:
     given: np.ndarray | None = None
     opening: Opening | None = None
     known: tuple[bytes, float] | None = None
+    met: tuple[bytes, float] | None = None
     seen: tuple | None = None
     chosen: tuple | None = None
 

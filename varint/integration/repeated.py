@@ -71,9 +71,12 @@ def remember(
     asked: tuple[float, float, int, float, float],
 ) -> None:
     """That a call for t0, duration, first steps, radians and tol went so, from the start in a room;
-    by the compiled loop that is the high gear now.
+    by the compiled loop that is the high gear now. Of a start that is met once it is not.
     """
     if room.known is None or built_module() is None:
+        return
+    if room.known is not room.met:
+        room.met = room.known
         return
     t0, duration, first, radians, tol = asked
     last = _LAST.pack(t0, duration, tol, DEFAULT_TOL, radians, first)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -15,6 +16,7 @@ from varint.scene.system import System
 
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
 MOST_TURNED = 1e6  # radians: more than any first run is for
+REMEMBERED = 256  # of what motions turn by
 FASTER = 2.0  # times the frequency at the start: steps that suit that one are lost
 FEW = 6  # coordinates whose uncoupled parts are looked for: one or two have a formula
 
@@ -29,9 +31,11 @@ def angle_turned(duration: float, fastest: float | None) -> float:
     return MOST_TURNED if math.isfinite(turned) else 0.0
 
 
+@lru_cache(REMEMBERED)
 def angles_turned(duration: float, fastest: float | None, ahead: float) -> tuple[float, float]:
     """`angle_turned` by the fastest motion at the start, and by the one that the first steps are
-    for: by what is seen `ahead`, where the start tells of nothing as fast.
+    for: by what is seen `ahead`, where the start tells of nothing as fast. The same object for the
+    same numbers: what was chosen by it need not be chosen anew.
     """
     here = angle_turned(duration, fastest)
     if not ahead:
