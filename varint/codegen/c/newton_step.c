@@ -52,9 +52,9 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
         if (AT_NODES && FROZEN) equations_at_nodes(y, q, p, &t, u, w, units, b, 0);
         else if (CLOSED || LINEAR || FROZEN) residual_of(y, q, p, &t, u, w, b);
         else {
-            if (SLOPES_AT_NODES) equations_at_nodes(y, q, p, &t, u, w, units, b, jacobian);
-            else residual_and_slope(y, q, p, &t, u, w, b, jacobian);
             reused = i == 1 && 2 * *bend * *bend * before * before * before <= LAST_CORRECTION * LAST_CORRECTION;
+            if (SLOPES_AT_NODES) equations_at_nodes(y, q, p, &t, u, w, units, b, reused ? 0 : jacobian);
+            else residual_and_slope(y, q, p, &t, u, w, b, jacobian);
             if (!reused) factors_of(jacobian, matrix, pivots);
         }
         if (!CLOSED) substitute(Y, BELOW, REACH, matrix, pivots, b);
