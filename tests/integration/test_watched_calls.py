@@ -256,3 +256,17 @@ def test_an_expression_that_was_changed_is_another_one():
         watched[0] = q1[0] - level
         motion = vi.simulate(system, q0=q0, v0=v0, h=0.05, steps=40, until=watched)
         assert abs(motion.q[-1, 0] - level) < 1e-12
+
+
+@pytest.mark.parametrize("backend", ["native", "interpreted"])
+@pytest.mark.parametrize("save_every", [1, 70])
+def test_steps_are_those_until_the_end(backend, save_every):
+    """However many a block has that an end is found in."""
+    system, q0, v0 = SCENES["pendulum"]
+    start = dict(q0=q0, v0=v0, progress=False)
+    grid = dict(h=1e-3, duration=4.0, save_every=save_every)
+    within = expressions(system)["within"]
+    motion = vi.simulate(system, vi.gauss(2), **start, **grid, until=within, backend=backend)
+    assert 0 < motion.k[-1] < 3000 and motion.stats["steps"] == motion.k[-1] + 1
+    short = vi.simulate(system, **start, duration=4.0, until=within)
+    assert short.stats["steps"] == len(short) - 1

@@ -167,7 +167,8 @@ def _made(
     h, t0, steps, iterations, residual, *last = grid
     if name == "stats":
         more = dict(zip(TOLD, told, strict=False))
-        return stats_of(chosen, kernel, steps, (int(iterations), residual), more)
+        made = last[0] if last else steps
+        return stats_of(chosen, kernel, made, (int(iterations), residual), more)
     if name == "functions":
         return steps_again(chosen.rule, in_gear)
     if name == "u":

@@ -48,7 +48,7 @@ from varint.integration.plan import Plan, plan
 from varint.integration.problem import Grid, controls, time_grid
 from varint.integration.run import FIRST, looked_along
 from varint.integration.short_looks import looked_at, short_looks
-from varint.integration.trajectories import plain_motion_of
+from varint.integration.trajectories import plain_motion_of, with_stats
 from varint.integration.work_bound import moves_constraints
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -147,6 +147,8 @@ def few_steps_call(
         names = ("until", *(events or ())) if until is not None else tuple(events)
         others = zeros if end is None else zeros[1:]
         motion.__dict__["events"] = _short_search().events_along(system, names, others, c, h, end)
+        if end is not None:
+            motion = with_stats(motion, steps=int(nodes[0].item(-1)) + 1)
     alarm = None if quiet else energy_alarm(motion)
     if called.may_be_false and not alarm:
         alarm = false_speed(motion)

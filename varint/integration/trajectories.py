@@ -250,12 +250,14 @@ def subsample(motion: Trajectory, every: int) -> Trajectory:
 
 
 def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
-    """The trajectory until the first of the crossings after node `first`, its last node."""
+    """The trajectory until the first of the crossings after node `first`, its last node; what was
+    made behind it is no part of its steps.
+    """
     node, t = first + int(end.before.node[0]), float(end.before.t[0])
     if end.jump[0]:  # by the impact at the next node, which is kept as the motion leaves it
         late = motion.t[node + 2 :][:1] * np.sign(motion.h)
         events = tuple(e for e in motion.events if not (e.time * np.sign(motion.h) >= late).any())
-        return changed(motion[: node + 2], events=events)
+        return _with_own_steps(changed(motion[: node + 2], events=events))
     last = end.after
     times, q, p = (
         np.concatenate([getattr(motion, name)[: node + 1], getattr(last, name)[:1]])
@@ -268,4 +270,12 @@ def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
         else np.concatenate([motion.active_set[: node + 1], motion.active_set[node : node + 1]])
     )
     before = tuple(event for event in motion.events if (t - event.time) * motion.h >= 0)
-    return changed(motion, t=times, q=q, p=p, k=k, active_set=active_set, events=before)
+    cut = changed(motion, t=times, q=q, p=p, k=k, active_set=active_set, events=before)
+    return _with_own_steps(cut)
+
+
+def _with_own_steps(motion: Trajectory) -> Trajectory:
+    """Its steps are those until its last node, of which the last one may be a shorter one."""
+    last, origin = int(motion.k[-1]), motion.origin
+    whole = origin is not None and float(motion.t[-1]) == origin + motion.h * last
+    return with_stats(motion, steps=last + (not whole))
