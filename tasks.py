@@ -46,12 +46,12 @@ def test(*arguments: str) -> None:
 
 
 def bench(*arguments: str) -> None:
-    """Measure run time against error, side by side with the peers."""
+    """Measure run time against error, side by side with the peers: `bench [script [scene ...]]`."""
     prepare("test", "bench")
-    for script in arguments or sorted(
-        str(p.relative_to(HERE)) for p in (HERE / "benchmarks").glob("*.py")
-    ):
-        run(script)
+    if arguments:
+        return run(*arguments)
+    for script in sorted((HERE / "benchmarks").glob("*.py")):
+        run(str(script.relative_to(HERE)))
 
 
 def docs(*arguments: str) -> None:
