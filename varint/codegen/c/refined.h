@@ -1,0 +1,179 @@
+/* Runs with more and more steps: what is asked of them, one of them, and how far two are apart (refined_core.c). */
+/* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
+enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
+
+typedef struct {
+    double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
+        at_once, part_of_it, narrow_parts, uncertain, coarser, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
+        close, bent, sure, repeated;
+} Limits;
+
+typedef struct {
+    int (*run)(const RunArguments *);
+    const void *scene;
+    int (*rows)(const RowsArguments *);
+    const void *balance;       /* (q, p, t), (q, v, t) of held motions, to the energy and the power of forces and explicit time */
+    const void *push, *bounds, *bounds_of_many; /* those of varint/integration/force_bounds.py; 0: closer looks are taken elsewhere */
+    const Limits *limits;
+    const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
+    const double *looks;         /* parts of a step at which forces are looked at, a few of them first */
+    const double *bends;         /* parts of a step at which forces are looked at that bend with velocities, and what makes their two highest
+                                    coefficients of the values there; 0: none do */
+    const void *pivots;          /* (q, t) to the least pivot of constraint rows; 0: they never come to depend on one another */
+    int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
+    int64_t bend_looks;      /* so many */
+    int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
+    const double *start, *c; /* q and p; parameters */
+    Proved *found;
+    const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
+    int64_t apart;
+    Room room;
+    int64_t first;
+    double t0, duration, radians, tol;
+    const void *rates;
+    int (*open)(double h); /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
+    const double *opening;
+    int64_t opens;
+    Search search;
+} Refined;
+
+typedef struct {
+    double *rows, *own, iterations, residual;
+    int64_t steps; /* of the whole duration */
+    Ended ended;   /* of those that were made */
+    int lost;
+} Attempt;
+
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const Refined *a, double wanted, int64_t steps) {
+    const double often = a->limits->secular / ((double)steps * (double)steps);
+    return wanted * (a->limits->level < often ? a->limits->level : often);
+}
+
+/* The first `count` of so many steps from a start, held ones with its velocity, by so many times coarser iterations, which are over so much sooner, or
+   hardly contract; false where there was no memory, they are too many, or a held motion may pass over a fold. */
+static int try_from(const Refined *a, const double *start, const double *speed, double t0, double wanted, int64_t steps, int64_t count,
+                    double coarser, Attempt *to) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n;
+    const double level = level_for(a, wanted, count), most = coarser > 1 ? floor(l->poor * log(level * coarser) / log(level)) : l->poor;
+    if (count > a->longest) return 0;
+    const int64_t told = 3 * n + sizeof(RunStats) / sizeof(double);
+    to->rows = memory_for(3 * n * (count + 1) + a->carry + told + room_of_notes(a->folds), to->rows, to->own);
+    if (!to->rows) return 0;
+    double *const carry = to->rows + 3 * n * (count + 1), *const notes = carry + a->carry + told;
+    RunStats *const stats = (RunStats *)(carry + a->carry);
+    carry[0] = 0;
+    if (a->opens && !a->open(a->duration / steps)) return 0;
+    memcpy(carry + 1, a->opening, a->opens * sizeof(double));
+    if (a->held) memcpy(carry + 1 + 2 * n, speed, n * sizeof(double));
+    to->steps = steps, to->ended = ended_after(count, t0, a->duration / steps), to->lost = 0, to->iterations = to->residual = 0;
+    for (int64_t k = 0, end; k < count && !to->lost; k = end) {
+        end = k < a->pilot && a->pilot < count ? a->pilot : count;
+        const int status = a->run(&(RunArguments){
+            .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = a->duration / steps,
+            .level = level * coarser, .start = start, .c = a->c,
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
+            .without_velocities = !a->held && !a->search.sought && !a->bends});
+        to->iterations += stats->iterations;
+        if (stats->residual > to->residual) to->residual = stats->residual;
+        to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
+    }
+    if (a->held) {
+        const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, count, t0, a->duration / steps};
+        if (a->folds && !to->lost && !is_unfolded(&folds, stats)) return 0;
+        memcpy(to->rows + 2 * n, speed, n * sizeof(double)); /* a run in pieces has no other velocity there */
+    }
+    if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
+    return 1;
+}
+
+/* Looks for what is sought along a run. */
+static int search(const Refined *a, Attempt *run) {
+    const Crossings of = crossings_of(a->search.sought, a->rows, a->c, a->n, a->search.most);
+    return search_run(&a->search, of, run->rows, a->t0, a->duration / run->steps, &run->ended);
+}
+
+static int try_run(const Refined *a, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
+    return try_from(a, a->start, a->opening + 2 * a->n, a->t0, wanted, steps, count, coarser, to);
+}
+
+/* Parts between the nodes that two runs of the whole duration share. */
+static int64_t shared_parts(const Attempt *one, const Attempt *other) {
+    const int64_t unit = common_divisor(one->steps, other->steps), mine = one->ended.whole / (one->steps / unit),
+                  its = other->ended.whole / (other->steps / unit);
+    return mine < its ? mine : its;
+}
+
+/* A run of the whole duration, or until what is sought, which another one has found at this time. */
+static int try_whole(const Refined *a, double wanted, int64_t steps, double ends, double coarser, Attempt *to) {
+    int64_t count = steps;
+    if (!ends_early(&a->search)) return try_run(a, wanted, steps, steps, coarser, to);
+    if (steps > a->search.longest) return 0;
+    count = steps_until(ends, a->t0, a->duration / steps, steps);
+    if (!try_run(a, wanted, steps, count, coarser, to)) return 0;
+    if (!to->lost) to->lost = !search(a, to);
+    return to->lost || count == steps || is_cut(&to->ended) || try_whole(a, wanted, steps, INFINITY, coarser, to);
+}
+
+/* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
+static double apart_from(const Refined *a, const Attempt *one, int64_t few, const Attempt *other, int64_t many,
+                         const double *scales) {
+    const int64_t n = a->n;
+    double largest = 0, zero = 0;
+    for (int64_t d = 0; d < n; d++) {
+        double most = 0;
+        for (int64_t k = 0; few * k <= one->ended.whole && many * k <= other->ended.whole; k++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]);
+            zero += off * 0, most = off > most ? off : most;
+        }
+        most /= scales[d], zero += most * 0, largest = most > largest ? most : largest;
+    }
+    return zero == 0 ? largest : zero;
+}
+
+/* The same with their ends, if they may end early. */
+static double seen_apart(const Refined *a, const Attempt *one, int64_t few, const Attempt *other, int64_t many, const double *scales) {
+    const double apart = apart_from(a, one, few, other, many, scales);
+    const double ends = ends_early(&a->search) ? ends_apart(a->n, one->rows, &one->ended, other->rows, &other->ended, scales) : 0;
+    return apart == apart && ends > apart ? ends : apart;
+}
+
+/* How errors of two runs of the whole duration are spread, the `other` one the finer: the least that an early difference lets
+   expect in the middle, and how many times larger they are between the nodes that both share. */
+typedef struct { double early, beyond; } Spread;
+static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, int64_t unit, const double *scales) {
+    const int64_t n = a->n, few = one->steps / unit, many = other->steps / unit, parts = shared_parts(one, other), last = other->ended.last,
+                  middle = (parts + 1) / 2, first = (parts + 1) / EARLIEST > 1 ? (parts + 1) / EARLIEST : 1;
+    double most[n], largest = 0, least = INFINITY;
+    memset(most, 0, n * sizeof(double));
+    for (int64_t k = 0; k <= parts; k++) {
+        for (int64_t d = 0; d < n; d++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
+            largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
+        }
+        if (first <= k && k <= middle) {
+            const double expected = expected_in_the_middle(largest, a->limits->rounded, k, middle);
+            least = expected < least ? expected : least;
+        }
+    }
+    const int timed = ends_early(&a->search);
+    double times[timed ? last + 1 : 1];
+    if (timed) set_times(times, &other->ended, a->t0, a->duration / other->steps);
+    const Shared shared = {n, 3 * n, last + 1, many, parts + 1, other->rows, timed ? times : 0};
+    return (Spread){middle ? least : largest, last < 2 ? 1 : beyond_shared(&shared, most)};
+}
+
+/* What passages make of last digits where they magnify them by so much, whole where that is below what is wanted. */
+static double passed_by(const Refined *a, double passed, double apart, double beyond) {
+    const double seen = a->limits->chance * apart;
+    return beyond * (beyond * passed <= a->tol || passed < seen ? passed : seen);
+}
+
+/* What iterations leave where errors grow by as much: no more than two runs show, which leave about as much each. */
+static double iterated_by(const Refined *a, double each, double apart, double growth, double beyond) {
+    const double seen = a->limits->chance * apart, most = a->limits->uneven, uneven = growth < most ? growth : most,
+                 grown = each * growth * uneven, made = beyond * (grown < seen ? grown : seen);
+    return each > made ? each : made;
+}
