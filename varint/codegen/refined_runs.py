@@ -13,7 +13,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course, HeldLooks
 
-_COURSE = struct.Struct("13P13q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("13P11qP3qP2q")  # Refined, what belongs to the course
 
 
 class BendLooks(NamedTuple):
@@ -31,6 +31,21 @@ class BendLooks(NamedTuple):
     looks: np.ndarray
 
 
+class StageLooks(NamedTuple):
+    """How it is told from the stages of a step whether the next ones may be longer.
+
+    Attributes
+    ----------
+    heights : array (2, stages)
+        What makes the two highest Legendre coefficients of what the stages have.
+    counts : tuple of int
+        Unknowns of a stage, stages, and with those that fill up vectors.
+    """
+
+    heights: np.ndarray
+    counts: tuple[int, int, int]
+
+
 def refined_course(
     kernel: Kernel,
     balance: RowFunction,
@@ -43,6 +58,7 @@ def refined_course(
     limits: np.ndarray,
     held: HeldLooks | None = None,
     bends: BendLooks | None = None,
+    growth: StageLooks | None = None,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
 
@@ -66,6 +82,8 @@ def refined_course(
         Of a motion that constraint rows hold.
     bends : BendLooks, optional
         Of forces that bend with velocities.
+    growth : StageLooks, optional
+        Of motions whose steps may grow where they settle.
 
     Raises
     ------
@@ -81,5 +99,6 @@ def refined_course(
     others = 0 if bent is None else address_of(bent), pivots.at if pivots else 0
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
     kind = 0 if bent is None else bent.shape[1], int(held is not None), kernel.note[1]
-    head = _COURSE.pack(*calls, *others, *counts, *pieces, *kind)
-    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, *arrays))
+    steps = (0, 0, 0, 0, 0) if growth is None else (address_of(growth.heights), *growth.counts, 0)
+    head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:])
+    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, growth, *arrays))

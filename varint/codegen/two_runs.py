@@ -35,6 +35,8 @@ _ARRAY, _FLOAT = np.ndarray, np.dtype(float)
 assert _FOUND.size == 8 * TOLD
 # VARIES and more: the error is not proved, since the first of the rates varies, or the next one
 PROVED, NOT_PROVED, NOT_SHORT, DOUBTED, VARIES = range(5)
+# proved by steps of more than one size, the first one but for a closer look; see `graded_run`
+GRADED_DOUBTED, GRADED = -2, -1
 
 
 class HeldLooks(NamedTuple):
@@ -221,6 +223,22 @@ def runs_made(places: Places) -> int:
     return _FOUND.unpack_from(places.told)[1]  # type: ignore[no-any-return]
 
 
+def graded_run(course: Course, places: Places) -> tuple[int, int, float, float, float, np.ndarray]:
+    """The run that the last call has found by steps of more than one size: steps, runs, estimate,
+    iterations, residual; coordinates, momenta, and times in the place of the first velocity.
+    """
+    *told, rows, last, _, _ = _FOUND.unpack_from(places.told)
+    return *told, _taken(rows, course.n, last, 3)  # type: ignore[return-value]
+
+
+def _taken(rows: int, n: int, last: int, parts: int) -> np.ndarray:
+    """Nodes from memory of the core, which is given back."""
+    nodes = np.empty((parts, last + 1, n))
+    done = two_runs_entries()[1](_TAKEN.pack(rows, new_address(nodes), n, last, parts))
+    assert done == DONE
+    return nodes
+
+
 def two_runs(
     course: Course,
     places: Places,
@@ -263,10 +281,7 @@ def two_runs(
     steps, runs, estimate, iterations, residual, rows, last, some, _ = told
     shape, zeros = (course.parts, last + 1, course.n), search[1]
     if rows:
-        nodes = np.empty(shape)
-        asked = _TAKEN.pack(rows, new_address(nodes), course.n, last, shape[0])
-        done = two_runs_entries()[1](asked)
-        assert done == DONE
+        nodes = _taken(rows, course.n, last, shape[0])
     else:
         view = places.views.get(last)
         if view is None:

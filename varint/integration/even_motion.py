@@ -14,7 +14,15 @@ import numpy as np
 from varint.codegen.built import built_module
 from varint.codegen.cache import CompileError
 from varint.codegen.times import states_at_times
-from varint.codegen.two_runs import Course, Places, Rates, two_runs
+from varint.codegen.two_runs import (
+    GRADED,
+    GRADED_DOUBTED,
+    Course,
+    Places,
+    Rates,
+    graded_run,
+    two_runs,
+)
 from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.plan import Plan
 from varint.integration.trajectories import stats_of
@@ -105,7 +113,10 @@ def _proved(
     """As c/direct.c does, but at times that are asked for."""
     found = two_runs(how.course, places, t0, duration, first, radians, tol, rates)
     if isinstance(found, int):
-        return found
+        if found not in (GRADED, GRADED_DOUBTED):
+            return found
+        graded, estimate, _ = graded_motion(system, how, places, c, (t0, duration, tol), began)
+        return graded if found == GRADED else (graded, estimate)
     steps, runs, estimate, iterations, residual, nodes, doubted, _ = found
     grid = duration / steps, t0, steps, iterations, residual
     told = perf_counter() - began, tol, estimate, how.name, runs
@@ -134,6 +145,26 @@ def even_motion_of(
     motion = _new(Trajectory)
     _set(motion, "__dict__", known)
     return motion
+
+
+def graded_motion(
+    system: System,
+    how: Made,
+    places: Places,
+    c: np.ndarray,
+    asked: tuple[float, float, float],
+    began: float,
+) -> tuple[Trajectory, float, int]:
+    """The motion that the core has found by steps of more than one size, for t0, a duration and a
+    wanted error; the estimate of its own, and how many runs were made.
+    """
+    steps, runs, estimate, iterations, residual, nodes = graded_run(how.course, places)
+    (t0, duration, tol), t = asked, nodes[2, :, 0].copy()
+    grid = duration / steps, t0, steps, iterations, residual
+    told = perf_counter() - began, tol, estimate, how.name, runs
+    motion = even_motion_of(system, how, nodes[:2], c, grid, told)
+    motion.__dict__.update(t=t, sizes=t[1:] - t[:-1])
+    return motion, estimate, runs
 
 
 def between_nodes(motion: Any, kernel: Kernel, times: np.ndarray) -> Any:

@@ -176,7 +176,7 @@ def by_the_core(
         return None
     kernel, rule = kernel_now(gears), loop.plan.rule
     if kernel is not loop.last[0]:
-        course = course_by(system, rule, kernel)
+        course = course_by(system, rule, kernel, True)
         loop.last = kernel, None if course is None else made_of(course, loop.plan)
     made = loop.last[1]
     if made is None:

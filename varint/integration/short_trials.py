@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 import varint.integration.bent_steps as bent
+import varint.integration.graded_steps as graded
 import varint.integration.hidden as hidden
 import varint.integration.narrow_places as narrow
 import varint.integration.refinement as searched
@@ -25,6 +26,8 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.refined_runs import BendLooks, refined_course
 from varint.codegen.rows import RowFunction, as_data
 from varint.codegen.two_runs import (
+    GRADED,
+    GRADED_DOUBTED,
     NO_OPENING,
     NO_RATES,
     NOT_PROVED,
@@ -46,7 +49,7 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
-from varint.integration.even_motion import even_motion_of, made_of
+from varint.integration.even_motion import even_motion_of, graded_motion, made_of
 from varint.integration.force_bounds import forces_as_data, push
 from varint.integration.gears import BY_STAGES, Gears, gears_with, kernel_after
 from varint.integration.held_rows import is_held
@@ -75,6 +78,7 @@ _REFINED = np.array(
         limited.PASSED,
         *(limited.WAYS, limited.PARTED, limited.FAR_BELOW),
         *(bent.CLOSE, bent.BENT, bent.SURE),
+        *(graded.QUIET, graded.SMOOTH, graded.FEWEST, graded.TURNED),
     ]
 )
 
@@ -93,14 +97,16 @@ def by_short_trials(
     backend: str,
     began: float,
     follow: bool = False,
+    grows: bool = False,
 ) -> Choice | int:
     """The choice that two runs and their energies prove, or more of them over forces; NOT_PROVED
     where they do not, NOT_SHORT where a run is long, or of another kind, VARIES and more where
     steps should `follow` one of the rates. `mass` is the diagonal of the mass matrix at the start,
-    `turned` by how much the motion turns, and the one that the first steps are for.
+    `turned` by how much the motion turns, and the one that the first steps are for. With `grows`
+    steps may become longer where the motion settles.
     """
     (radians, begin), kernel = turned, kernel_for(system, rule, start, backend)
-    course = None if kernel is None else course_by(system, rule, kernel)
+    course = None if kernel is None else course_by(system, rule, kernel, grows)
     if kernel is None or course is None:
         return NOT_SHORT
     if backend != "auto" and course.kernel is not kernel:  # another one is asked for
@@ -117,12 +123,19 @@ def by_short_trials(
     gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
     rates = rates_to_follow(system) if follow else [NO_RATES]
     found = two_short_runs(system, course, gears, places, asked, rates)
+    chosen = plan(system, rule)
     if isinstance(found, int):
-        return found
-    steps, runs, estimate, iterations, residual, nodes, doubted, _ = found
-    grid = start.h / steps, start.t0, steps, iterations, residual
-    how, seconds = made_of(course, plan(system, rule)), perf_counter() - began
-    motion = even_motion_of(system, how, nodes, start.c, grid, (seconds,))
+        if found not in (GRADED, GRADED_DOUBTED):
+            return found
+        when, doubted = (start.t0, start.h, tol), found == GRADED_DOUBTED
+        how = system, made_of(course, chosen), places, start.c, when, began
+        motion, estimate, runs = graded_motion(*how)
+        steps = len(motion) - 1
+    else:
+        steps, runs, estimate, iterations, residual, nodes, doubted, _ = found
+        grid = start.h / steps, start.t0, steps, iterations, residual
+        seconds = (perf_counter() - began,)
+        motion = even_motion_of(system, made_of(course, chosen), nodes, start.c, grid, seconds)
     if doubted:
         estimate = max(estimate, refined.looked_at_closely(rule, motion, None, tol))
     if estimate > tol:
@@ -186,8 +199,10 @@ def has_formula(system: System) -> bool:
 
 
 @per_scene
-def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
-    """How the runs are made; None where the core cannot make them."""
+def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -> Course | None:
+    """How the runs are made, by steps that may grow where forces do not depend on time; None where
+    the core cannot make them.
+    """
     s, kept = system.structure, decided.shows_its_error(system)
     energy = energy_known(system) if kept else balance_known(system)
     driven = driven_kernel(system, rule)
@@ -222,7 +237,9 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
-            return refined_course(*how, body, turns, repeated, held, bends)
+            grows = grows and piloted and not (forces or driven or held or s.degenerate)
+            growth = graded.stage_looks(system, rule) if grows else None
+            return refined_course(*how, body, turns, repeated, held, bends, growth)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()
         if held:  # as `tolerance` has them run, where long ones are looked at first

@@ -105,7 +105,9 @@ def simulate(
         Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that
         come together; where the scene's time scale varies much, as in close encounters, steps
-        follow it as with ``time_scale="auto"``. Where forces or potentials jump or kink, steps end
+        follow it as with ``time_scale="auto"``. Steps grow where a motion settles under forces
+        that do not depend on time (`Trajectory.sizes`), unless more than its nodes is asked for:
+        events, an end, every so many nodes. Where forces or potentials jump or kink, steps end
         there, and dry friction holds what it stops. ``stats["error_estimate"]`` is what the runs'
         differences say, with a warning where that stays above tol, as round-off and chaos may have
         it.

@@ -90,6 +90,8 @@ def simulate_to_tolerance(
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
+            nodes_alone = not watches and options.checkpoint is None
+            how["grows"] = nodes_alone and options.on_failure == "raise" and every == 1
             return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:

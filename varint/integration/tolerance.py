@@ -83,6 +83,7 @@ def choose_steps(
     varying: Varying | None = None,
     follow: bool = False,
     ahead: float = 0.0,
+    grows: bool = False,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
 
@@ -107,6 +108,8 @@ def choose_steps(
         Whether short ones may.
     ahead : float, optional
         Frequency of a motion whose first steps suit this one, by what is seen ahead.
+    grows : bool, optional
+        Whether steps may grow where the motion settles: nothing but its nodes is asked for.
 
     Raises
     ------
@@ -168,7 +171,8 @@ def choose_steps(
     if forced and stop is None and has_plain_trials(system, start):
         found = tried
         if tried is None and scale is None and mass is not None:
-            found = by_short_trials(system, own, start, mass, tol, turned, backend, began)
+            trials = system, own, start, mass, tol, turned, backend, began
+            found = by_short_trials(*trials, grows=grows)
         if found is None or found == NOT_SHORT:
             asked = system, own, start, tol, radians, scale, backend, began
             found = by_short_refinement(*asked, varying)

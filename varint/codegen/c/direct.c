@@ -22,7 +22,7 @@ typedef struct {
     int64_t opens;
     const void *search[9]; /* nothing is looked for */
 } Asked;
-enum Status { PROVED, DOUBTED = 3 };
+enum Status { GRADED_DOUBTED = -2, GRADED, PROVED, DOUBTED = 3 }; /* graded: steps differ (refined.h) */
 #define LONGEST_COURSE 512 /* bytes */
 
 /* Fields of Made in varint/integration/even_motion.py, of Places in varint/codegen/two_runs.py, and of Between in
@@ -30,8 +30,8 @@ enum Status { PROVED, DOUBTED = 3 };
 enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
 enum { AT_TIMES, STEPS, STEPS_SCENE, MOST, WHOLE, BETWEEN };
-enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, REPEATED_NAME, KNOWN_NAME, NAMES };
-static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__", "_repeated", "known"};
+enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, REPEATED_NAME, KNOWN_NAME, SIZES_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__", "_repeated", "known", "sizes"};
 static PyObject *names[NAMES];
 
 #define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)
@@ -118,6 +118,26 @@ static int put(PyObject *to, int name, PyObject *x) {
 
 static PyObject *again(PyObject *x) { Py_INCREF(x); return x; }
 
+/* Times of the nodes of steps that differ, which stand in the place of the first velocity, and the sizes of these, into a motion. */
+static int put_times(PyObject *to, PyObject *how, const Proved *found) {
+    const int64_t n = PyLong_AsLongLong(ITEM(how, N)), steps = found->steps;
+    PyObject *const made[] = {new_array(how, Py_BuildValue("(L)", (long long)steps + 1), ITEM(how, FLOAT)),
+                              new_array(how, Py_BuildValue("(L)", (long long)steps), ITEM(how, FLOAT))};
+    Py_buffer memory[2];
+    const int times = made[0] && !PyObject_GetBuffer(made[0], &memory[0], PyBUF_WRITABLE),
+              sizes = times && made[1] && !PyObject_GetBuffer(made[1], &memory[1], PyBUF_WRITABLE);
+    if (sizes) {
+        double *const t = memory[0].buf, *const h = memory[1].buf;
+        for (int64_t k = 0; k <= steps; k++) t[k] = found->run[3 * n * k + 2 * n];
+        for (int64_t k = 0; k < steps; k++) h[k] = t[k + 1] - t[k];
+        PyBuffer_Release(&memory[1]);
+    }
+    if (times) PyBuffer_Release(&memory[0]);
+    if (sizes) return put(to, T_NAME, made[0]) & put(to, SIZES_NAME, made[1]);
+    Py_XDECREF(made[0]), Py_XDECREF(made[1]);
+    return 0;
+}
+
 /* What makes a motion's fields when they are looked at: (name) -> the field. Numbers become objects only then. */
 typedef struct {
     PyObject_HEAD
@@ -158,7 +178,7 @@ static PyObject *maker_of(PyObject *how, const Asked *asked, const Proved *found
 
 /* The motion with its nodes, or at the times that are asked for. */
 static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObject *places, const Asked *asked, const Proved *found,
-                           const AtTimes *at, double began) {
+                           int graded, const AtTimes *at, double began) {
     PyObject *const nodes = at->states ? again(at->states) : nodes_of(how, places, found), *const known = PyDict_Copy(ITEM(how, BLANK));
     const int has_v = PyLong_AsLongLong(ITEM(how, PARTS)) > 2;
     PyTypeObject *const type = (PyTypeObject *)ITEM(how, TYPE);
@@ -168,7 +188,7 @@ static PyObject *motion_of(PyObject *system, PyObject *c, PyObject *how, PyObjec
         (!at->states || ((!has_v || !PyDict_DelItem(known, names[V_NAME])) && put(known, T_NAME, again(at->times)) &&
                          put(known, K_NAME, again(at->whole)))) &&
         put(known, H_NAME, PyFloat_FromDouble(asked->duration / (double)found->steps)) && put(known, C_NAME, again(c)) &&
-        put(known, ORIGIN_NAME, PyFloat_FromDouble(asked->t0)) && put(known, MAKE_NAME, maker_of(how, asked, found, began))) {
+        (!graded || put_times(known, how, found)) && put(known, ORIGIN_NAME, PyFloat_FromDouble(asked->t0)) && put(known, MAKE_NAME, maker_of(how, asked, found, began))) {
         motion = type->tp_alloc(type, 0);
         if (motion && PyObject_GenericSetAttr(motion, names[DICT_NAME], known)) Py_CLEAR(motion); /* frozen: not its own way */
     }
@@ -207,14 +227,15 @@ static PyObject *proved(const Wanted *w) {
     Py_BEGIN_ALLOW_THREADS
     status = entry(call);
     Py_END_ALLOW_THREADS
-    if (status != PROVED && status != DOUBTED) return PyLong_FromLong(status);
+    const int graded = status == GRADED || status == GRADED_DOUBTED, sure = status == PROVED || status == GRADED;
+    if (!sure && !graded && status != DOUBTED) return PyLong_FromLong(status);
     const Proved found = *at.found;
     AtTimes there = {w->times, w->between};
     const int looked = status != PROVED || !there.times || look_between(&there, how, &asked, &at, &found);
-    PyObject *const motion = looked ? motion_of(w->system, w->c, how, w->places, &asked, &found, &there, w->began) : 0;
+    PyObject *const motion = looked ? motion_of(w->system, w->c, how, w->places, &asked, &found, graded, &there, w->began) : 0;
     free(found.run);
     Py_XDECREF(there.states), Py_XDECREF(there.whole);
-    return status == PROVED || !motion ? motion : Py_BuildValue("(Nd)", motion, found.estimate);
+    return sure || !motion ? motion : Py_BuildValue("(Nd)", motion, found.estimate);
 }
 
 /* (how, places, system, c, t0, duration, first, radians, tol, rates, began[, times, between]) -> what `proved` gives. */

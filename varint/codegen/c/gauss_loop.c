@@ -1,11 +1,6 @@
 /* The loop over the steps of a Gauss rule, as gauss.h has it: what depends on the size of a scene alone. */
 
-/* What a run needs to go on as if it had not stopped: these numbers, and behind them y and its rest, 2 N each, what the
-   scales remember, ROWS each, and the unknowns of the last two steps and of the one that is begun. */
-typedef struct {
-    double steps_known, expected, h, rate, work, low, count, tried, counts[3]; /* of the steps tried in either order */
-    double numbers[];
-} Carry;
+#include "carry.h"
 #define SLOPES_SIZE (IMPROVES ? SLOPES_TOLD + (FORM == 2 ? 2 : 1) * ROWS * ROWS : 0)
 #define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED) + SLOPES_SIZE)
 #ifdef SCENE_AS_DATA
@@ -140,6 +135,19 @@ APART void begin_resized(Run *r, const Carry *carry) {
     s->count = 1, s->renewals = 2, r->known = 1, c->rate = carry->rate;
 }
 
+/* Steps of another size are improved from the first on: they are the longer ones of a motion that settles, whose slopes
+   hardly change. */
+APART void go_on_with_slopes(Run *r, const Carry *carry) {
+    if (!IMPROVES) return;
+    Slopes *const s = &r->slopes;
+    memcpy(s, carry->numbers + 4 * N + ROWS * (2 + 3 * PADDED), SLOPES_TOLD * sizeof(double));
+    if (!(s->left > 0)) {
+        s->period = s->period > REST ? s->period : REST;
+        begin_slopes(r, FAILED + carry->expected);
+    }
+    s->renew = 1, s->there = 0;
+}
+
 /* Where the run stands: as it was left, or at a fresh start. */
 APART void restore(Run *r, const RunArguments *a) {
     const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
@@ -186,7 +194,8 @@ APART void restore(Run *r, const RunArguments *a) {
         r->change.rate = 1;
         for (int i = 0; i < ROWS; i++)
             for (int k = 0; k < VECTORS; k++) r->last[i][k] = r->older[i][k] = splat(0.0);
-        if (carry->steps_known < 0) begin_resized(r, carry);
+        if (carry->steps_known == ANOTHER_SIZE) go_on_with_slopes(r, carry);
+        else if (carry->steps_known < 0) begin_resized(r, carry);
     }
 }
 

@@ -1,12 +1,13 @@
 /* Runs with more and more steps: what is asked of them, one of them, and how far two are apart (refined_core.c). */
-/* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
-enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
+/* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED. GRADED: proved, by steps
+   of more than one size, whose times stand in the place of the first velocity; the run is not in the room. */
+enum Proof { GRADED_DOUBTED = -2, GRADED, PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, coarser, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
-        close, bent, sure, repeated;
+        close, bent, sure, quiet, smooth, fewest, turned, repeated;
 } Limits;
 
 typedef struct {
@@ -23,6 +24,9 @@ typedef struct {
     const void *pivots;          /* (q, t) to the least pivot of constraint rows; 0: they never come to depend on one another */
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     int64_t bend_looks;      /* so many */
+    const double *heights;   /* those of grades.h; 0: all steps are equal */
+    int64_t unknowns, stages, padded;
+    Grades *grades;          /* 0: this is filled in here */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
@@ -51,41 +55,96 @@ static double level_for(const Refined *a, double wanted, int64_t steps) {
     return wanted * (a->limits->level < often ? a->limits->level : often);
 }
 
-/* The first `count` of so many steps from a start, held ones with its velocity, by so many times coarser iterations, which are over so much sooner, or
-   hardly contract; false where there was no memory, they are too many, or a held motion may pass over a fold. */
-static int try_from(const Refined *a, const double *start, const double *speed, double t0, double wanted, int64_t steps, int64_t count,
-                    double coarser, Attempt *to) {
-    const Limits *const l = a->limits;
-    const int64_t n = a->n;
-    const double level = level_for(a, wanted, count), most = coarser > 1 ? floor(l->poor * log(level * coarser) / log(level)) : l->poor;
+/* Room for so many steps of a run, and what it carries on; 0 where there is none. */
+static double *make_room(const Refined *a, int64_t count, Attempt *to) {
+    const int64_t n = a->n, told = 3 * n + sizeof(RunStats) / sizeof(double);
     if (count > a->longest) return 0;
-    const int64_t told = 3 * n + sizeof(RunStats) / sizeof(double);
     to->rows = memory_for(3 * n * (count + 1) + a->carry + told + room_of_notes(a->folds), to->rows, to->own);
     if (!to->rows) return 0;
-    double *const carry = to->rows + 3 * n * (count + 1), *const notes = carry + a->carry + told;
-    RunStats *const stats = (RunStats *)(carry + a->carry);
+    double *const carry = to->rows + 3 * n * (count + 1);
     carry[0] = 0;
-    if (a->opens && !a->open(a->duration / steps)) return 0;
+    if (a->opens && !a->open(a->duration / to->steps)) return 0;
     memcpy(carry + 1, a->opening, a->opens * sizeof(double));
+    to->lost = 0, to->iterations = to->residual = 0;
+    return carry;
+}
+
+/* Steps of the same size from node k on until another one, and what they tell; whether they were made. */
+static int go_on(const Refined *a, const double *start, double t0, double h, double level, double most, int64_t k, int64_t end, double *carry,
+                 RunStats *stats, double *notes, Attempt *to) {
+    const int status = a->run(&(RunArguments){
+        .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
+        .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
+        .without_velocities = !a->held && !a->search.sought && !a->bends});
+    to->iterations += stats->iterations;
+    if (stats->residual > to->residual) to->residual = stats->residual;
+    to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
+    return !to->lost;
+}
+
+/* Iterations of a step at most where they end at this level, or so many times coarser: these are over so much sooner, or hardly
+   contract. */
+static double most_for(const Refined *a, double level, double coarser) {
+    return coarser > 1 ? floor(a->limits->poor * log(level * coarser) / log(level)) : a->limits->poor;
+}
+
+/* From a start, held ones with its velocity, which is node `from` of a run of so many steps, the next `count` of them, by so many
+   times coarser iterations; false where there was no memory, they are too many, or a held motion may pass over a fold. */
+static int try_from(const Refined *a, const double *start, const double *speed, double t0, double wanted, int64_t steps, int64_t from,
+                    int64_t count, double coarser, Attempt *to) {
+    const int64_t n = a->n;
+    const double level = level_for(a, wanted, count), most = most_for(a, level, coarser), h = a->duration / steps;
+    to->steps = steps, to->ended = ended_after(count, t0, h);
+    double *const carry = make_room(a, count, to), *const notes = carry + a->carry + 3 * n + sizeof(RunStats) / sizeof(double), begin[2 * n];
+    if (!carry) return 0;
+    RunStats *const stats = (RunStats *)(carry + a->carry);
     if (a->held) memcpy(carry + 1 + 2 * n, speed, n * sizeof(double));
-    to->steps = steps, to->ended = ended_after(count, t0, a->duration / steps), to->lost = 0, to->iterations = to->residual = 0;
+    memcpy(begin, start, 2 * n * sizeof(double));
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
-        end = k < a->pilot && a->pilot < count ? a->pilot : count;
-        const int status = a->run(&(RunArguments){
-            .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = a->duration / steps,
-            .level = level * coarser, .start = start, .c = a->c,
-            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
-            .without_velocities = !a->held && !a->search.sought && !a->bends});
-        to->iterations += stats->iterations;
-        if (stats->residual > to->residual) to->residual = stats->residual;
-        to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
+        const Stretch here = stretch_of(a->grades, a->t0, a->duration, steps, from + k);
+        const int64_t last = here.end - from < count ? here.end - from : count;
+        end = !k && a->pilot && a->pilot < last ? a->pilot : last;
+        if (k && from + k == here.first) carry[0] = ANOTHER_SIZE, memcpy(begin, to->rows + 3 * n * k, 2 * n * sizeof(double));
+        go_on(a, begin, t0, here.h, level * coarser, most, k, end, carry, stats, notes, to);
     }
     if (a->held) {
-        const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, count, t0, a->duration / steps};
+        const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, count, t0, h};
         if (a->folds && !to->lost && !is_unfolded(&folds, stats)) return 0;
         memcpy(to->rows + 2 * n, speed, n * sizeof(double)); /* a run in pieces has no other velocity there */
     }
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
+    return 1;
+}
+
+/* A coarse run from the start whose steps grow where the motion settles, so many of them at most: `grades` are those it has found,
+   none where all are equal. */
+static int try_growing(const Refined *a, double wanted, int64_t steps, double coarser, Attempt *to) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n;
+    const double level = level_for(a, wanted, steps), most = most_for(a, level, coarser), end = a->t0 + a->duration;
+    const double longest = l->turned / a->radians * fabs(a->duration);
+    Grades *const g = a->grades;
+    to->steps = steps;
+    double *const carry = make_room(a, steps, to), begin[2 * n], largest[a->unknowns], farthest[n];
+    if (!carry) return 0;
+    const Looked looked = {a->heights, n, a->unknowns, a->stages, a->padded, l->quiet, l->smooth * a->tol, largest, farthest};
+    RunStats *const stats = (RunStats *)(carry + a->carry);
+    *g = (Grades){1, steps, {0}, {a->t0}, {a->duration / steps}, a->duration};
+    memcpy(begin, a->start, 2 * n * sizeof(double)), memset(largest, 0, sizeof largest), memset(farthest, 0, sizeof farthest);
+    for (int64_t k = 0, next, quiet = 0; k < g->all; k = next) {
+        const double h = g->h[g->count - 1];
+        next = next_look(g, k);
+        if (!go_on(a, begin, a->t0, h, quiet ? level : level * coarser, most, k, next, carry, stats, 0, to)) break;
+        if (next == g->all) continue;
+        const Seen now = look_at(&looked, carry, h, to->rows + 3 * n * k, next - k);
+        to->lost = g->count > 1 && !now.shown;
+        if (to->lost) break;
+        if (now.smooth && grow(g, longest, end, next)) carry[0] = ANOTHER_SIZE, memcpy(begin, to->rows + 3 * n * next, 2 * n * sizeof(double));
+        quiet = now.quiet;
+    }
+    to->steps = g->all, to->ended = ended_after(g->all, a->t0, a->duration / g->all);
+    if (!to->lost) to->lost = unsound(to->rows + 3 * n * g->all, n) != 0;
+    if (g->count == 1) g->count = 0;
     return 1;
 }
 
@@ -96,7 +155,7 @@ static int search(const Refined *a, Attempt *run) {
 }
 
 static int try_run(const Refined *a, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
-    return try_from(a, a->start, a->opening + 2 * a->n, a->t0, wanted, steps, count, coarser, to);
+    return try_from(a, a->start, a->opening + 2 * a->n, a->t0, wanted, steps, 0, count, coarser, to);
 }
 
 /* Parts between the nodes that two runs of the whole duration share. */
@@ -115,6 +174,18 @@ static int try_whole(const Refined *a, double wanted, int64_t steps, double ends
     if (!try_run(a, wanted, steps, count, coarser, to)) return 0;
     if (!to->lost) to->lost = !search(a, to);
     return to->lost || count == steps || is_cut(&to->ended) || try_whole(a, wanted, steps, INFINITY, coarser, to);
+}
+
+/* Times of the nodes of a run from the start. */
+static void set_node_times(const Refined *a, const Attempt *run, double *t) {
+    if (!a->grades->count) {
+        set_times(t, &run->ended, a->t0, a->duration / run->steps);
+        return;
+    }
+    for (int64_t k = 0; k <= run->ended.last; k++) {
+        const Stretch here = stretch_of(a->grades, a->t0, a->duration, run->steps, k);
+        t[k] = k < run->steps ? here.t + here.h * (double)(k - here.first) : a->t0 + a->duration;
+    }
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -158,9 +229,9 @@ static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *oth
             least = expected < least ? expected : least;
         }
     }
-    const int timed = ends_early(&a->search);
+    const int timed = ends_early(&a->search) || a->grades->count;
     double times[timed ? last + 1 : 1];
-    if (timed) set_times(times, &other->ended, a->t0, a->duration / other->steps);
+    if (timed) set_node_times(a, other, times);
     const Shared shared = {n, 3 * n, last + 1, many, parts + 1, other->rows, timed ? times : 0};
     return (Spread){middle ? least : largest, last < 2 ? 1 : beyond_shared(&shared, most)};
 }

@@ -19,13 +19,30 @@
 #include "crossings.h"
 #include "sought.h"
 #include "bends.h"
+#include "carry.h"
+#include "grades.h"
 #include "refined.h"
 #include "refined_errors.h"
 #include "refined_forces.h"
 
 #define CUT_SHARED 3 /* nodes that runs which end early share at least: those of the whole duration have gone on, and show what was missed */
 
-int refined(const Refined *a) {
+/* The run as it is found, with times of nodes in the place of velocities. */
+static int hand_over_graded(const Refined *a, Attempt *run, Proved *to) {
+    const int64_t n = a->n, nodes = run->steps + 1;
+    double *const rows = malloc(3 * n * nodes * sizeof(double)), *const t = malloc(nodes * sizeof(double));
+    if (rows && t) {
+        memcpy(rows, run->rows, 3 * n * nodes * sizeof(double)), set_node_times(a, run, t);
+        for (int64_t k = 0; k < nodes; k++) rows[3 * n * k + 2 * n] = t[k];
+    } else
+        free(rows);
+    free(t);
+    to->run = rows && t ? rows : 0;
+    return to->run != 0;
+}
+
+/* A proof by runs whose first one may have steps that grow, and those behind it so many times the same; `runs` counts them. */
+static int prove(const Refined *a, int grows, int64_t *made) {
     const Limits *const l = a->limits;
     double memory[2][SHORT];
     Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room)};
@@ -35,10 +52,13 @@ int refined(const Refined *a) {
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
         const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
-        if (repeated > a->tol || !try_whole(a, wanted, steps, ends, two ? 1 : l->coarser, &now)) goto end;
-        runs++;
+        if (repeated > a->tol) goto end;
+        if (!(grows && !runs ? try_growing(a, wanted, steps, l->coarser, &now) : try_whole(a, wanted, steps, ends, two ? 1 : l->coarser, &now)))
+            goto end;
+        runs++, steps = now.steps;
         ends = is_cut(&now.ended) ? now.ended.end : INFINITY;
         if (now.lost) {
+            if (a->grades->count) break;
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
         }
@@ -101,16 +121,21 @@ int refined(const Refined *a) {
                 if (begins_well) {
                     if (a->search.sought && !ends_early(&a->search) && !search(a, &now)) goto end;
                     result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
-                    double *const rows = handed_over(now.rows, now.own, a->n, now.ended.last + 1, 2, &a->room);
-                    *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows, now.ended.last,
-                                         now.ended.found, INFINITY};
+                    *a->found = (Proved){steps, *made + runs, estimate > early ? estimate : early, now.iterations, now.residual, 0,
+                                         now.ended.last, now.ended.found, INFINITY};
+                    if (a->grades->count) {
+                        result = result == PROVED ? GRADED : GRADED_DOUBTED;
+                        if (!hand_over_graded(a, &now, a->found)) result = NOT_SHORT;
+                        goto end;
+                    }
+                    a->found->run = handed_over(now.rows, now.own, a->n, now.ended.last + 1, 2, &a->room);
                     now.rows = 0;
                     goto end;
                 }
             }
             const double next = off * pow(ratio, -l->caution * (double)a->order);
             const int closer = begins_well && !stalls && ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
-            last = off, slower = ratio, ratio = closer && steps % 2 == 0 ? ratio : l->far;
+            last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, ratio) ? ratio : l->far;
         }
         const Attempt older = before;
         before = now, now = older, two = 1;
@@ -119,5 +144,18 @@ int refined(const Refined *a) {
     result = NOT_PROVED;
 end:
     give_up(before.rows, before.own), give_up(now.rows, now.own);
+    *made += runs;
     return result;
+}
+
+int refined(const Refined *asked) {
+    Grades grades = {0};
+    Refined own = *asked;
+    own.grades = &grades;
+    int64_t runs = 0;
+    const int grows = own.heights && !own.search.sought && own.first >= (int64_t)own.limits->fewest,
+              result = prove(&own, grows, &runs);
+    if (!grades.count || result < PROVED) return result;
+    grades.count = 0; /* steps that grew have not proved it: equal ones */
+    return prove(&own, 0, &runs);
 }

@@ -10,7 +10,7 @@ static double by_round_off(const Refined *a, const Attempt *run, double wanted, 
     Attempt other = {0};
     for (int64_t way = 0; way < (int64_t)l->ways; way++) {
         set_other_digits(a->n, a->start, way, start), late.duration = nextafter(a->duration, way ? -INFINITY : INFINITY);
-        if (!try_from(&late, start, a->opening + 2 * a->n, a->t0, wanted, run->steps, run->steps, 1, &other) || other.lost) most = INFINITY;
+        if (!try_from(&late, start, a->opening + 2 * a->n, a->t0, wanted, run->steps, 0, run->steps, 1, &other) || other.lost) most = INFINITY;
         if (most < INFINITY && ends_early(&a->search) && !search(&late, &other)) most = INFINITY;
         if (!(most < INFINITY)) break;
         const double apart = l->parted * seen_apart(a, run, 1, &other, 1, scales);
@@ -75,7 +75,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     Attempt fine = {0};
     const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
     const double *const node = now->rows + many * (k - 1);
-    if (!try_from(a, node, node + 2 * n, t0, wanted, parts * now->steps, parts * each * over, 1, &fine) || fine.lost)
+    if (!try_from(a, node, node + 2 * n, t0, wanted, parts * now->steps, parts * each * (k - 1), parts * each * over, 1, &fine) || fine.lost)
         made = INFINITY;
     else
         made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
@@ -88,18 +88,23 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
 static double made_by_bends(const Refined *a, const Attempt *run, double wanted, const double *of_coordinates) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, steps = run->ended.whole, parts = (int64_t)l->narrow_parts;
-    const double h = a->duration / run->steps;
     const Bends of = {a->rows, a->push, a->c, a->bends, a->bends + a->bend_looks, n, a->bend_looks};
     double few[SHORT], *const sharp = memory_for(steps + ROOM_OF_BENDS(n, a->bend_looks), few, few), scales[2 * n], made = 0;
     set_both_scales(a, run, of_coordinates, scales);
-    if (!sharp || !set_sharpness(&of, run->rows, steps, a->t0, h, scales + n, sharp, sharp + steps)) made = INFINITY;
+    if (!sharp) made = INFINITY;
+    for (int64_t k = 0, end; k < steps && made < INFINITY; k = end) {
+        const Stretch here = stretch_of(a->grades, a->t0, a->duration, run->steps, k);
+        end = here.end < steps ? here.end : steps;
+        if (!set_sharpness(&of, run->rows + 3 * n * k, end - k, here.t, here.h, scales + n, sharp + k, sharp + steps)) made = INFINITY;
+    }
     Attempt fine = {0};
     for (int64_t k = 0, end; k < steps && made <= wanted; k = end) {
         for (end = k; end < steps && !(sharp[end] * (double)steps <= l->bent * wanted);) end++;
         if (end++ == k) continue;
         const double *const node = run->rows + 3 * n * k;
         double most = 0;
-        if (!try_from(a, node, node + 2 * n, h * (double)k + a->t0, wanted, parts * run->steps, parts * (end - 1 - k), 1, &fine) || fine.lost)
+        const double begins = a->duration / run->steps * (double)k + a->t0;
+        if (!try_from(a, node, node + 2 * n, begins, wanted, parts * run->steps, parts * k, parts * (end - 1 - k), 1, &fine) || fine.lost)
             most = INFINITY;
         for (int64_t i = 0; i < end - k && most < INFINITY; i++) {
             const double off = parted_by(n, fine.rows + 3 * n * parts * i, node + 3 * n * i, scales);

@@ -165,7 +165,7 @@ static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, in
     double few[SHORT], *const t = memory_for(all + (looked > 2 * all ? looked : 2 * all), few, few);
     if (!t) return 1;
     double *const room = t + all;
-    set_times(t, &run->ended, a->t0, a->duration / run->steps), set_times(t + steps + 1, &fine->ended, a->t0, a->duration / fine->steps);
+    set_node_times(a, run, t), set_node_times(a, fine, t + steps + 1);
     const int sure = balanced(a, run, fine, parts, t, room) && (!a->timed || shows_at_once(a, run, t, scales, room) || shows_forces(a, run, t, scales, room));
     give_up(t, few);
     return !sure;

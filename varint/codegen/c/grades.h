@@ -1,0 +1,100 @@
+/* Steps of more than one size: longer ones where a motion settles. varint/integration/graded_steps.py says why; its numbers are
+   `limits`. Nodes are counted, and shared by runs, as those of equal steps: every stretch has its steps times the same ratio. */
+#define PIECE 4   /* steps from one look to the next, or a multiple: a number that ratios of steps divide */
+#define STRETCHES 4
+
+typedef struct {
+    int64_t count, all, first[STRETCHES]; /* stretches, 0: steps are equal; steps of the run that has found them; where each begins */
+    double t[STRETCHES], h[STRETCHES], duration;
+} Grades;
+
+/* Steps of one size: from which node on, until which, the time of the first and the size. */
+typedef struct { int64_t first, end; double t, h; } Stretch;
+
+/* That of the step behind node k of a run of so many steps. */
+static Stretch stretch_of(const Grades *g, double t0, double duration, int64_t steps, int64_t k) {
+    if (!g->count) return (Stretch){0, steps, t0, duration / steps};
+    int64_t i = 0;
+    while (i + 1 < g->count && k * g->all >= g->first[i + 1] * steps) i++;
+    const int64_t end = i + 1 < g->count ? g->first[i + 1] * steps / g->all : steps;
+    return (Stretch){g->first[i] * steps / g->all, end, g->t[i], g->h[i] * ((double)g->all / (double)steps) * (duration / g->duration)};
+}
+
+/* Whether a run of so many steps has nodes where their size changes, and one of `ratio` times as many. */
+static int is_divided(const Grades *g, int64_t steps, double ratio) {
+    for (int64_t i = 0; i < g->count; i++) {
+        const double node = (double)(g->first[i] * steps / g->all) * ratio;
+        if (node != rint(node)) return 0;
+    }
+    return 1;
+}
+
+/* The next steps are twice as long, or somewhat less, so that they come to the end and are no longer than `longest`; whether that
+   makes them fewer. `done`: steps that are there. */
+static int grow(Grades *g, double longest, double end, int64_t done) {
+    const int64_t i = g->count - 1;
+    const double h = fabs(2 * g->h[i]) < longest ? fabs(2 * g->h[i]) : longest, now = g->t[i] + g->h[i] * (double)(done - g->first[i]),
+                 left = end - now, many = ceil(fabs(left) / h / PIECE) * PIECE;
+    if (g->count == STRETCHES || !(many >= 1) || done + (int64_t)many + PIECE > g->all) return 0;
+    g->first[i + 1] = done, g->t[i + 1] = now, g->h[i + 1] = left / many, g->all = done + (int64_t)many, g->count++;
+    return 1;
+}
+
+/* Node of the next look: the longer steps are of one size, the later. */
+static int64_t next_look(const Grades *g, int64_t done) {
+    const int64_t many = (done - g->first[g->count - 1]) / 2 / PIECE * PIECE, next = done + (many > PIECE ? many : PIECE);
+    return next < g->all ? next : g->all;
+}
+
+/* What a look at a motion tells: whether the steps at hand show it, it does little of what it has done, and steps twice as long
+   would show it. */
+typedef struct { int shown, quiet, smooth; } Seen;
+
+typedef struct {
+    const double *heights; /* what makes the two highest Legendre coefficients of what its stages have, and so many of these */
+    int64_t n, unknowns, stages, padded;
+    double quiet, wanted;
+    double *largest, *farthest; /* unknowns so far, and ways of coordinates in a step */
+} Looked;
+
+/* How far it goes in so many steps whose rows these are: steps that pass more of a place than all before might miss what is
+   there. */
+static Seen ways_of(const Looked *a, const double *rows, int64_t steps) {
+    Seen found = {1, 1, 1};
+    for (int64_t d = 0; d < a->n; d++) {
+        double far = 0;
+        for (int64_t k = 0; k < steps; k++) {
+            const double way = fabs(rows[3 * a->n * (k + 1) + d] - rows[3 * a->n * k + d]);
+            far = way > far ? way : far;
+        }
+        found.shown &= far <= a->farthest[d], found.smooth &= 2 * far <= a->farthest[d];
+        a->farthest[d] = far > a->farthest[d] ? far : a->farthest[d];
+    }
+    return found;
+}
+
+/* By the unknowns of the last step and the largest ones so far, which are brought up to date. */
+static Seen unknowns_of(const Looked *a, const double *carried, double h) {
+    const Carry *const carry = (const Carry *)carried;
+    const double unit = fabs(a->unknowns == a->n ? h * h : h), *const scales = carry->numbers + 4 * a->n, *const x = scales + 2 * a->unknowns,
+                 twice = ldexp(1, (int)a->stages - 1);
+    Seen found = {1, 1, 1};
+    for (int64_t r = 0; r < a->unknowns; r++) {
+        const double *const own = x + a->padded * r, most = scales[r] / unit;
+        double size = 0, high = 0, next = 0;
+        for (int64_t j = 0; j < a->stages; j++)
+            size += fabs(own[j]), high += a->heights[a->stages + j] * own[j], next += a->heights[j] * own[j];
+        size /= unit, high = (fabs(high) + fabs(next) / 8) / unit;
+        const double largest = most > a->largest[r] ? most : a->largest[r], least = a->wanted * largest, longer = twice * high;
+        a->largest[r] = largest;
+        found.shown &= high * (high < size ? high / size : 1) <= least, found.quiet &= size <= a->quiet * largest;
+        found.smooth &= longer * (longer < size ? longer / size : 1) <= least;
+    }
+    return found;
+}
+
+/* Both. */
+static Seen look_at(const Looked *a, const double *carried, double h, const double *rows, int64_t steps) {
+    const Seen one = unknowns_of(a, carried, h), other = ways_of(a, rows, steps);
+    return (Seen){one.shown & other.shown, one.quiet, one.smooth & other.smooth};
+}

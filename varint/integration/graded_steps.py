@@ -1,0 +1,51 @@
+"""Steps that grow where a motion settles: what is damped needs long ones when it has come to rest.
+
+The first run of scenes whose forces do not depend on time looks, every few steps, at the unknowns
+of the last one: where their highest Legendre coefficients say that steps twice as long would show
+the motion, those that follow are, again and again. Every further run has the same stretches, with
+so many times the steps: nodes are counted and shared as those of equal steps, and the difference of
+two runs proves the error as it does there. Where the motion wakes up again, or the runs do not
+prove it, all steps are equal.
+
+Two things bound how long they become. In no coordinate a step goes farther than steps of the usual
+size have gone before: what acts at a place alone is passed over no sooner than by equal steps. And
+they still resolve the linear motion near a point of rest, whether it is stable or not: what leaves
+an unstable one slowly is seen to do so. No bound is needed for a pulse at some time, because forces
+do not depend on it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from varint.codegen.gauss import gauss_scheme
+from varint.codegen.refined_runs import StageLooks
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+# of the largest unknowns so far: those of a motion that settles, whose iterations go on as far as
+# those of a run that is no coarse one, to be seen to be smooth
+QUIET = 0.1
+SMOOTH = 0.1  # of the wanted error: what steps twice as long may miss
+FEWEST = 13  # steps of a first run that repays a look
+TURNED = 8.0  # radians of the fastest small motion at most; e⁸ has a relative error of 5e-4
+
+
+def stage_looks(system: System, rule: Rule) -> StageLooks:
+    """How the core looks at the unknowns of the last step of a run by a Gauss rule."""
+    x = gauss_scheme(system, len(rule.nodes))
+    unknowns = (1 if x.form == 2 else 2) * system.structure.n
+    return StageLooks(_heights(x.stages), (unknowns, x.stages, x.padded))
+
+
+@cache
+def _heights(stages: int) -> np.ndarray:
+    """What makes the two highest Legendre coefficients of values at the nodes of so many stages,
+    each times its weight.
+    """
+    x = np.polynomial.legendre.leggauss(stages)[0]
+    degrees = np.arange(stages)
+    values = np.polynomial.legendre.legvander(x, stages - 1) * (2 * degrees + 1)
+    return np.ascontiguousarray(values[:, -2:].T)
