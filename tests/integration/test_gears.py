@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import casadi as ca
 import numpy as np
@@ -249,6 +250,17 @@ def test_what_was_begun_is_kept_and_what_fails_leaves_nothing(tmp_path, monkeypa
     while not cache.finished(refused):
         time.sleep(0.02)
     assert not cache.in_cache("this is no C\n")
+
+
+def test_what_a_compiler_has_made_is_taken_by_one_thread(tmp_path, monkeypatch):
+    """All that ask find that it has come to its end."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(cache, "_store", lambda *_: time.sleep(0.05))  # others ask meanwhile
+    work = cache.begin_compilation("int run(void) { return 8; }\n")
+    work.process.wait()
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(cache.finished, [work] * 8))
+    assert not work.place.exists()
 
 
 def test_only_few_compilers_are_at_work_at_once_and_none_outlives_its_process(tmp_path):

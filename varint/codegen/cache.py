@@ -15,6 +15,7 @@ import os
 import platform
 import stat
 import sys
+import threading
 from contextlib import suppress
 from functools import lru_cache
 from itertools import takewhile
@@ -195,6 +196,7 @@ class Compilation(NamedTuple):
 
 
 _AT_WORK: list[Compilation] = []
+_ENDING = threading.Lock()  # one thread takes what a compiler has made
 
 
 def in_cache(source: str, contraction: str = WHEREVER) -> bool:
@@ -231,16 +233,17 @@ def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation |
 
 def finished(work: Compilation) -> bool:
     """Whether the compiler has come to its end, whatever that is; what it made is kept."""
-    if work not in _AT_WORK:
+    with _ENDING:
+        if work not in _AT_WORK:
+            return True
+        if work.process.poll() is None:
+            return False
+        if work.process.returncode == 0:
+            with suppress(OSError, CompileError):  # no room: `library` will say so
+                _store((work.place / RESULT).read_bytes(), cache_folder(), work.key)
+        _AT_WORK.remove(work)
+        _remove(work.place)
         return True
-    if work.process.poll() is None:
-        return False
-    if work.process.returncode == 0:
-        with suppress(OSError, CompileError):  # no room: `library` will say so
-            _store((work.place / RESULT).read_bytes(), cache_folder(), work.key)
-    _AT_WORK.remove(work)
-    _remove(work.place)
-    return True
 
 
 @atexit.register
