@@ -44,3 +44,20 @@ static double *handed_over(double *rows, const double *own, int64_t n, int64_t n
     give_up(rows, own);
     return 0;
 }
+
+/* What is handed over and asked behind a course of runs, in the order of Place and Asked in direct.c: q and p, parameters; what is
+   found; the mass matrix' diagonal, its numbers so far apart; room; steps to begin with; rates that steps may follow (0: none);
+   what writes what the loop is told at a fresh start, so many numbers, for steps h, and whether it is there; what is looked for. */
+#define BEHIND_THE_COURSE \
+    const double *start, *c; \
+    Proved *found; \
+    const double *mass; \
+    int64_t apart; \
+    Room room; \
+    int64_t first; \
+    double t0, duration, radians, tol; \
+    const void *rates; \
+    int (*open)(double h); \
+    const double *opening; \
+    int64_t opens; \
+    Search search;

@@ -28,18 +28,7 @@ typedef struct {
     int64_t unknowns, stages, padded;
     Grades *grades;          /* 0: this is filled in here */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
-    const double *start, *c; /* q and p; parameters */
-    Proved *found;
-    const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
-    int64_t apart;
-    Room room;
-    int64_t first;
-    double t0, duration, radians, tol;
-    const void *rates;
-    int (*open)(double h); /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
-    const double *opening;
-    int64_t opens;
-    Search search;
+    BEHIND_THE_COURSE
 } Refined;
 
 typedef struct {
@@ -95,9 +84,10 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
     const int64_t n = a->n;
     const double level = level_for(a, wanted, count), most = most_for(a, level, coarser), h = a->duration / steps;
     to->steps = steps, to->ended = ended_after(count, t0, h);
-    double *const carry = make_room(a, count, to), *const notes = carry + a->carry + 3 * n + sizeof(RunStats) / sizeof(double), begin[2 * n];
+    double *const carry = make_room(a, count, to), begin[2 * n];
     if (!carry) return 0;
     RunStats *const stats = (RunStats *)(carry + a->carry);
+    double *const notes = carry + a->carry + 3 * n + sizeof(RunStats) / sizeof(double);
     if (a->held) memcpy(carry + 1 + 2 * n, speed, n * sizeof(double));
     memcpy(begin, start, 2 * n * sizeof(double));
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {

@@ -28,17 +28,14 @@
 #define CUT_SHARED 3 /* nodes that runs which end early share at least: those of the whole duration have gone on, and show what was missed */
 
 /* The run as it is found, with times of nodes in the place of velocities. */
-static int hand_over_graded(const Refined *a, Attempt *run, Proved *to) {
+static int hand_over_graded(const Refined *a, const Attempt *run, Proved *to) {
     const int64_t n = a->n, nodes = run->steps + 1;
-    double *const rows = malloc(3 * n * nodes * sizeof(double)), *const t = malloc(nodes * sizeof(double));
-    if (rows && t) {
-        memcpy(rows, run->rows, 3 * n * nodes * sizeof(double)), set_node_times(a, run, t);
-        for (int64_t k = 0; k < nodes; k++) rows[3 * n * k + 2 * n] = t[k];
-    } else
-        free(rows);
-    free(t);
-    to->run = rows && t ? rows : 0;
-    return to->run != 0;
+    double *const rows = to->run = malloc((3 * n + 1) * nodes * sizeof(double));
+    if (!rows) return 0;
+    double *const t = rows + 3 * n * nodes;
+    memcpy(rows, run->rows, 3 * n * nodes * sizeof(double)), set_node_times(a, run, t);
+    for (int64_t k = 0; k < nodes; k++) rows[3 * n * k + 2 * n] = t[k];
+    return 1;
 }
 
 /* A proof by runs whose first one may have steps that grow, and those behind it so many times the same; `runs` counts them. */

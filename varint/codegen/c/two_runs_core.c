@@ -43,18 +43,7 @@ typedef struct {
     int64_t by_velocity; /* velocities are made by the runs, for they have no formula */
     int64_t exact;       /* all steps are one map, which keeps energies but for round-off */
     int64_t held, folds; /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
-    const double *start, *c; /* q and p; parameters */
-    Proved *found;
-    const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
-    int64_t apart;
-    Room room;
-    int64_t first;
-    double t0, duration, radians, tol;
-    const Rates *rates;      /* 0: there are none */
-    int (*open)(double h);   /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
-    const double *opening;
-    int64_t opens;
-    Search search;
+    BEHIND_THE_COURSE
 } TwoRuns;
 typedef TwoRuns Case;
 
