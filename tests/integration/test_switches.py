@@ -301,6 +301,28 @@ def test_two_blocks_with_friction_stick_and_slip_one_by_one():
     assert np.abs(motion.q[some, 1]).max() < 1e-15
 
 
+def test_a_block_that_sticks_on_another_one_slides_on_with_it():
+    """By the closed form of two blocks whose joint comes to rest before the lower one does."""
+    g, (lower, upper), (ground, joint) = 9.81, (2.0, 1.0), (0.1, 0.5)
+    q, v = vi.coordinates("lower", "upper")
+    held = joint * upper * g * ca.sign(v[1] - v[0])
+    slows = ground * (lower + upper) * g * ca.sign(v[0])
+    pair = vi.System(
+        q,
+        v,
+        (lower * v[0] ** 2 + upper * v[1] ** 2) / 2,
+        force=ca.vertcat(held - slows, -held),
+    )
+    motion = vi.simulate(pair, q0=[0.0, 0.0], v0=[3.0, 0.0], duration=2.0)
+    rates = -(ground * (lower + upper) + joint * upper) * g / lower, joint * g
+    meet = 3 / (rates[1] - rates[0])
+    left, v1 = 2.0 - meet, rates[1] * meet
+    path = v1 * left - ground * g * left**2 / 2
+    ends = [3 * meet + rates[0] * meet**2 / 2 + path, rates[1] * meet**2 / 2 + path]
+    assert motion.q[-1] == pytest.approx(ends, abs=1e-12)
+    assert motion.v[-1] == pytest.approx([v1 - ground * g * left] * 2, abs=1e-12)
+
+
 def test_the_start_may_lie_on_the_switch():
     """At rest where friction holds, and where both sides pull apart from it."""
     held = vi.simulate(

@@ -61,7 +61,8 @@ def _held_alone(system: System, sigma: ca.SX, step: ca.SX) -> int | None:
     """The one coordinate whose velocity a switch is of, and on which alone it acts."""
     by = [i for i in range(system.structure.n) if ca.depends_on(sigma, system.v[i])]
     acts = ca.sparsify(step).sparsity().row()
-    return by[0] if by == acts and not ca.depends_on(sigma, system.q) else None
+    alone = len(by) == 1 and by == acts and not ca.depends_on(sigma, system.q)
+    return by[0] if alone else None
 
 
 def affine_rates(
