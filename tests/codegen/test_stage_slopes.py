@@ -73,6 +73,24 @@ def test_slopes_lead_to_the_stages_that_newtons_method_finds(which):
     assert (np.abs(one.rows - other.rows) / size).max() < 1e-11
 
 
+def test_slopes_are_taken_where_the_step_begins_however_far_unknowns_have_gone_off():
+    """Beside a motion of strong dampers some fresh steps went on from unknowns of 1e7, by whose
+    size slopes were taken: of 3000 places 37 were off by up to 7e-5.
+    """
+    q, v = vi.coordinates("a", "b")
+    height = -1.908 * 2.034 * ca.cos(q[0]) - 1.593 * 1.174 * ca.cos(q[0] + q[1])
+    ends = 1.908 * v[0], 1.174 * (v[0] + v[1])
+    kinetic = 0.2205 * ends[0] ** 2 + 0.7965 * (ends[0] ** 2 + ends[1] ** 2)
+    kinetic += 1.593 * ends[0] * ends[1] * ca.cos(q[1])
+    force = ca.vertcat(-27.614 * v[0], -216.07 * v[1] - 268.1 * (q[1] + 0.2418))
+    system = vi.System(q, v, kinetic - 9.81 * height, force=force)
+    start = dict(q0=[0.38, 1.67], v0=[0.0, 0.0], h=0.0223, steps=120)
+    times = np.linspace(0, 120 * 0.0223, 3001)
+    motion = vi.simulate(system, vi.gauss(8), **start)
+    other = vi.simulate(system, vi.gauss(8), **start, backend="interpreted")
+    assert np.abs(motion.at(times).q - other.at(times).q).max() < 1e-11
+
+
 @pytest.mark.parametrize("which", STIFF)
 def test_with_slopes_too_data_have_the_bytes_of_code_and_pieces_those_of_the_whole(which):
     (system, start, u, (tape, code)), one, other = runs_by(which, 60, native_gauss, gauss_kernel)

@@ -199,6 +199,16 @@ APART void restore(Run *r, const RunArguments *a) {
     }
 }
 
+/* The sizes of rows by what one evaluation at the start makes of them: those of unknowns that have gone off are no lengths to
+   take slopes by, which would be those of another place, and an inverse by which all changes are small. */
+APART void set_scale_at_start(Run *r, int64_t k) {
+    if (!IMPROVES) return;
+    place_start(r, &r->now, 0, r->last, r->older);
+    evaluate_there(r, k);
+    set_first_scale(r, r->now.x);
+    r->iterations += 1, r->now.count = 0;
+}
+
 /* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side, and then
    with slopes. */
 INLINE int solve(Run *r, int64_t k) {
@@ -231,6 +241,7 @@ INLINE int solve(Run *r, int64_t k) {
         }
         slopes->renew = 1;
         r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
+        set_scale_at_start(r, k);
     }
 }
 
