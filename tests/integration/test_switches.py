@@ -323,6 +323,29 @@ def test_a_block_that_sticks_on_another_one_slides_on_with_it():
     assert motion.v[-1] == pytest.approx([v1 - ground * g * left] * 2, abs=1e-12)
 
 
+@pytest.mark.parametrize("start", [(-4.0, 0.0), (2.0, 0.0), (-1.0, -1.0), (2.0, 2.0)])
+@pytest.mark.parametrize("masses", [(1.0, 1.0), (2.0, 2.0), (1.0, 0.5), (1.623, 1.53)])
+def test_blocks_of_one_friction_slow_down_together_at_the_end_of_what_their_joint_can_just_hold(
+    masses, start
+):
+    """Both decelerate by μg: the joint holds all that it can, and round-off is no push."""
+    mu, g, (low, top) = 0.5, 9.81, masses
+    q, v = vi.coordinates("lower", "upper")
+    held = mu * top * g * ca.sign(v[1] - v[0])
+    slows = mu * (low + top) * g * ca.sign(v[0])
+    energy = (low * v[0] ** 2 + top * v[1] ** 2) / 2
+    pair = vi.System(q, v, energy, force=ca.vertcat(held - slows, -held))
+    motion = vi.simulate(pair, q0=[0.0, 0.0], v0=start, duration=3.0)
+    way, (v1, v2) = np.sign(start[0]), np.abs(start)
+    slow, fast = mu * g * (low + 2 * top) / low, mu * g
+    meet = (v1 - v2) / (slow + fast)
+    both = v2 + fast * meet
+    ends = [v1 * meet - slow * meet**2 / 2, v2 * meet + fast * meet**2 / 2]
+    ends = [way * (x + both**2 / (2 * fast)) for x in ends]
+    assert motion.q[-1] == pytest.approx(ends, abs=1e-12)
+    assert motion.stats["error_estimate"] <= TOL
+
+
 def test_the_start_may_lie_on_the_switch():
     """At rest where friction holds, and where both sides pull apart from it."""
     held = vi.simulate(

@@ -48,6 +48,7 @@ typedef struct {
     double least_unit, longer, edge, border, crowded, at_zero, no_jump;
 } SwitchArguments;
 
+#define ROUNDED (64 * 0x1p-52) /* of the other side's push: none */
 enum Kinds { COUNTS = 1, SLIDABLE = 2, STRAIGHT = 4, CLOCK = 8 };
 
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
@@ -286,7 +287,8 @@ static int64_t next_branch(const SwitchArguments *a, const Mode *mode, const dou
     const double below = rate[crossed] * direction;
     values[crossed] = 1;
     if (!look_ahead(a, ahead, c, state, t, sigma, rate)) return -1;
-    const double above = rate[crossed] * direction;
+    const double above = rate[crossed] * direction, least = ROUNDED * fmax(fabs(below), fabs(above));
+    if (fabs(below) <= least || fabs(above) <= least) return -1;
     if (below * above > 0) {
         values[crossed] = above > 0 ? 1 : -1;
         return branch_of(a, -1, values);

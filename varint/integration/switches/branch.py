@@ -27,6 +27,7 @@ MANY = 3  # switches that may hold a motion, in 2³ ways
 SOME, APART = 3, 1e-9  # states and smallest singular value by which directions are told apart
 SEEN = 30_000  # operations of an acceleration at most
 SHORT = 5_000  # operations of a function that is soon data
+ROUNDED = 64 * np.finfo(float).eps  # of what a switch can hold: at its end it still does
 
 
 class Branch(NamedTuple):
@@ -227,7 +228,10 @@ def _watched(
     for j, x in shares.items():
         s, sigma = frozen.s[j], frozen.sigma[j]
         holds = 1 if j in sliding else 1 - s**2
-        margins += [holds * x + (1 - holds) * s * sigma, holds * (1 - x) + (1 - holds)]
+        margins += [
+            holds * (x + ROUNDED) + (1 - holds) * s * sigma,
+            holds * (1 - x + ROUNDED) + (1 - holds),
+        ]
         watched += [(j, -1.0), (j, 1.0)]
     for j in range(frozen.s.numel()):
         s, sigma = frozen.s[j], frozen.sigma[j]

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from varint.integration.switches.branch import slidable
+from varint.integration.switches.branch import ROUNDED, slidable
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.holding import affine_rates
 from varint.numerics.arrays import call
@@ -68,5 +68,7 @@ def numbers_at_zero(
             rate = offset[i] + matrix[i] @ found
             found[i] = min(max(found[i] - rate / own[i], -1.0), 1.0)
         if np.abs(found - before).max() <= SETTLED:
-            return found
+            # at the end of what it can hold, where nothing pulls any farther
+            rests = np.abs(offset + matrix @ found) <= ROUNDED * np.abs(own)
+            return np.where(rests, found * (1 - ROUNDED), found)
     return None

@@ -12,6 +12,7 @@ import numpy as np
 
 from varint.integration.switches.branch import (
     DERIVATIVES,
+    ROUNDED,
     Branch,
     branch_scene,
     hold_apart,
@@ -88,14 +89,16 @@ def decided_alone(
     system: System, state: State, c: np.ndarray, direction: float, branch: Branch, switch: int
 ) -> Branch | None:
     """The branch where one switch that may hold the motion is at zero, and no other: through it
-    where both sides push the same way, held where both push back; None where they do neither.
+    where both sides push the same way, held where both push back, or one does and the other does
+    not push; None where they do neither.
     """
     below, above = call(_both_sides(system, switch), *_arguments(state, c, branch))[0] * direction
     values = list(branch.values)
     values[switch] = 1.0 if above > 0 else -1.0
-    if below * above > 0:
+    least = ROUNDED * max(abs(below), abs(above))
+    if below * above > 0 and min(abs(below), abs(above)) > least:
         return branch._replace(values=tuple(values))
-    if not below > 0 > above:
+    if not (below >= -least and above <= least and below > above):
         return None
     values[switch] = 0.0
     return branch._replace(values=tuple(values), sliding=(switch,))
@@ -222,20 +225,22 @@ def _fits(
         side = branch.values[j]
         if frozen.counts[j]:
             side = 1.0 if branch.values[j] == np.round(found[0][j]) else -1.0
-        first = float(found[1][j]) * direction
-        if abs(first) > 0 and j in slidable(system) and len(at_zero) == 1:
+        first, rests = float(found[1][j]) * direction, False
+        if j in slidable(system) and len(at_zero) == 1:
             values = list(branch.values)
             values[j] = -side
             other = ahead_at(system, state, c, branch._replace(values=tuple(values)))
             # at the end of what it can hold
-            if other is not None and abs(first) <= BETWEEN * abs(float(other[1][j])):
+            push = 0.0 if other is None else abs(float(other[1][j]))
+            rests = push > 0 and abs(first) <= ROUNDED * push
+            if abs(first) <= BETWEEN * push:
                 first = 0.0
         for order in range(2, DERIVATIVES + 1):
             if first != 0:
                 break
             later = later_rates(system, branch.sliding, order)
             first = float(call(later, *_arguments(state, c, branch))[0][j]) * direction**order
-        if not np.isfinite(first) or first * side < 0:
+        if not np.isfinite(first) or first * side < 0 or (rests and first == 0):
             return False, False
         strictly &= first != 0
     if branch.sliding:
