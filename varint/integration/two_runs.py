@@ -87,11 +87,14 @@ LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 
 class Attempt(NamedTuple):
-    """A run, its `energy_errors`, and what these cannot tell, for it is the energy's last digit."""
+    """A run, its `energy_errors`, and what these cannot tell, for it is the energy's last digit;
+    the last digit of its liveliest moment, in the same unit.
+    """
 
     run: Any
     swing: list[float]
     hidden: float = 0.0
+    digit: float = 0.0
 
 
 Trial = Callable[[int, float, int], Attempt | None]  # (steps, wanted error, part of the run)
@@ -170,6 +173,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             tried, runs = _coarse(course, steps, level), runs + 1
             expected = _expected(course, tried)
             if tried is None or not expected <= LOST:
+                if tried is not None and _by_error(course, tried.digit) > LOST:
+                    return None  # it has come to rest: of energies nothing is left but round-off
                 steps = _shared(steps * _ratio(expected, rough, p, 2.0))
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
@@ -305,7 +310,11 @@ def attempt_by_energies(run: Any, energy: np.ndarray, moving: np.ndarray) -> Att
 
 def _expected(course: Course, tried: Attempt | None) -> float:
     """Error of a run that its energy lets expect."""
-    return math.inf if tried is None else GAIN * tried.swing[-1] * max(course.radians, 1.0)
+    return math.inf if tried is None else _by_error(course, tried.swing[-1])
+
+
+def _by_error(course: Course, swing: float) -> float:
+    return GAIN * swing * max(course.radians, 1.0)
 
 
 def _coarse(course: Course, steps: int, rough: float) -> Attempt | None:

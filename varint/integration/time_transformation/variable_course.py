@@ -48,6 +48,7 @@ from varint.integration.time_transformation.transformed_run import (
 )
 from varint.integration.two_runs import (
     FLOOR,
+    LAST_DIGIT,
     SAMPLES,
     UNRESCUED,
     Apart,
@@ -233,7 +234,10 @@ def _fastest_function(system: System) -> ca.Function:
 def attempt_of(system: System, run: PhysicalRun, c: np.ndarray) -> Attempt:
     """A run with the energy errors of some of its nodes."""
     some = slice(None, None, max(1, len(run.t) // SAMPLES))
-    return Attempt(run, quantiles(*energies_of_nodes(system, c, run, some)))
+    energy, moving = energies_of_nodes(system, c, run, some)
+    swing = quantiles(energy, moving)  # moving is sorted now
+    size, most = moving.item(len(moving) // 2), moving.item(-1)
+    return Attempt(run, swing, digit=LAST_DIGIT * most / size if size else math.inf)
 
 
 def apart_by(
