@@ -234,7 +234,7 @@ def refine(
                 best = found
             if found.estimate <= tol:
                 return found
-            if begins > tol:  # whatever the steps
+            if begins > tol or floor >= estimate > tol:  # whatever the steps
                 return replace(found, reached=False)
             hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
             if hopeless and steps >= HOPELESS and over_jumps:
