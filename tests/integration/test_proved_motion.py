@@ -15,7 +15,7 @@ import varint as vi
 import varint.integration.asked_times as asked_times
 import varint.integration.even_motion as even
 from varint.codegen.built import built_module
-from varint.codegen.two_runs import NO_RATES
+from varint.codegen.two_runs import NO_RATES, Beside
 from varint.integration.short_scenes import known_of
 
 FIELDS = "t", "q", "p", "h", "k", "u", "c", "active_sets", "events", "fictitious", "origin"
@@ -74,11 +74,12 @@ def by_python(monkeypatch):
     even.proved_motion.cache_clear()
 
 
-def as_found(make, at=None):
+def as_found(make, at=None, **watched):
     system, q0, v0, duration = make()
     times = None if at is None else 0.5 + duration * np.array(at)
     call = dict(q0=q0, v0=v0, t0=0.5, duration=duration, at=times)
-    return vi.simulate(system, **call, progress=False)
+    given = {name: watch(system) for name, watch in watched.items()}
+    return vi.simulate(system, **call, **given, progress=False)
 
 
 TIMES = None, [0.0, 0.013, 0.5, 0.5, 0.77, 1.0], [0.3], np.linspace(0, 1, 300), [1e-17, 1 - 1e-16]
@@ -98,6 +99,10 @@ def test_c_and_python_make_the_same_motion(make, at, by_python):
         pytest.skip("Python came without its headers")
     one = as_found(make, at)
     assert not is_by(type(lambda: 0))
+    assert_same(one, other)
+
+
+def assert_same(one, other):
     for name in FIELDS:
         a, b = getattr(one, name), getattr(other, name)
         assert np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
@@ -107,6 +112,45 @@ def test_c_and_python_make_the_same_motion(make, at, by_python):
     told = {k: x for k, x in one.stats.items() if k not in by_the_clock}
     assert told == {k: x for k, x in other.stats.items() if k not in by_the_clock}
     assert 0 < one.stats["seconds"] < 60
+
+
+def half_way(system):
+    return system.q[0] - 0.5
+
+
+def two_of_them(system):
+    return {"half": half_way(system), "turns": (system.v[0], -1)}
+
+
+WATCHED = {"until": half_way}, {"events": two_of_them}, {"until": half_way, "events": two_of_them}
+
+
+@pytest.mark.parametrize("watched", WATCHED, ids=range(len(WATCHED)))
+@pytest.mark.parametrize("make", SCENES)
+def test_c_and_python_find_the_same_on_the_way(make, watched, by_python):
+    other = as_found(make, **watched), as_found(make, [0.0, 1e-4], **watched)
+    even.proved_motion.cache_clear()
+    even.built_module = built_module  # the fixture puts it back
+    one = as_found(make, **watched), as_found(make, [0.0, 1e-4], **watched)
+    for a, b in zip(one, other, strict=True):
+        assert_same(a, b)
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_what_happened_outlives_the_next_call(make):
+    """Events are made of what was found when they are looked at."""
+    system, q0, v0, duration = make()
+    call = dict(v0=v0, duration=duration, events=two_of_them(system), progress=False)
+    alone = vi.simulate(system, q0=q0, **call).events
+    motion = vi.simulate(system, q0=q0, **call)
+    for away in (0.9, 0.8):  # expressions that are written anew are known again
+        again = dict(call, events=two_of_them(system))
+        if system.structure.constraints:
+            again |= dict(duration=away * duration)
+            vi.simulate(system, q0=q0, **again)
+        else:
+            vi.simulate(system, q0=away * np.array(q0), **again)
+    assert motion.events == alone and alone
 
 
 @pytest.mark.parametrize("make", AT_ONCE)
@@ -194,6 +238,8 @@ def test_what_is_not_made_for_it_is_refused():
     with pytest.raises(TypeError):
         prove(how, places, system, system.default_vector, "now", *numbers[1:], NO_RATES, 0.0)
     with pytest.raises(TypeError, match="between nodes"):
-        prove(how, places, system, None, *numbers, NO_RATES, 0.0, np.zeros(1), ())
+        prove(how, places, system, None, *numbers, NO_RATES, 0.0, None, np.zeros(1), ())
     with pytest.raises(TypeError, match="another size"):
         prove(how, places._replace(head=b""), system, None, *numbers, NO_RATES, 0.0)
+    with pytest.raises(TypeError, match="another size"):
+        prove(how, places, system, None, *numbers, NO_RATES, 0.0, Beside(b""))

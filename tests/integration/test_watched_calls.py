@@ -15,6 +15,7 @@ from varint.integration import few_steps, run, times_at_once, until_call
 from varint.integration import simulate as module
 from varint.integration.error_scale import error_scales
 from varint.results import dense_output
+from varint.scene.expressions import as_written, is_written_so
 
 q1, v1 = vi.coordinates("theta")
 q2, v2 = vi.coordinates("x", "y")
@@ -270,3 +271,21 @@ def test_steps_are_those_until_the_end(backend, save_every):
     assert 0 < motion.k[-1] < 3000 and motion.stats["steps"] == motion.k[-1] + 1
     short = vi.simulate(system, **start, duration=4.0, until=within)
     assert short.stats["steps"] == len(short) - 1
+
+
+def test_only_what_says_the_same_is_taken_for_known():
+    x, y = ca.SX.sym("x"), ca.SX.sym("x")
+
+    def say(x, number=0.5):
+        return ca.sin(x) * x - number
+
+    kept = say(x)
+    known = as_written(kept, 8)
+    assert is_written_so(kept, known) and is_written_so(say(x), known)
+    for other in (say(y), say(x, 0.4), say(x) + 1, ca.cos(x) * x - 0.5, x * ca.sin(x) - 0.5, x):
+        assert not is_written_so(other, known)
+    deep = kept
+    for _ in range(20):
+        deep = ca.sin(deep)
+    assert is_written_so(deep, as_written(deep, 8))
+    assert not is_written_so(deep, as_written(ca.sin(say(y)), 8))

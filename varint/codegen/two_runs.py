@@ -188,19 +188,51 @@ def opening_for(open_at: int, told: np.ndarray) -> bytes:
     return _OPENING.pack(open_at, address_of(told), told.size)
 
 
-# what is looked for along runs for a wanted accuracy as the core is told of it, and where zeros lie
-Asked = tuple[bytes, np.ndarray | None]
-UNSEARCHED: Asked = _SEARCH.pack(*[0] * 9), None
+UNSEARCHED = _SEARCH.pack(*[0] * 9)
 
 
-def search_asked(
+class Beside(NamedTuple):
+    """What is asked beside the runs that prove an error, of one start. The fields are those of
+    c/direct.c.
+
+    Attributes
+    ----------
+    opening : bytes
+        Of a loop that must be told more at a fresh start, see `opening_for`.
+    search : bytes
+        What is looked for along the run.
+    stops : bool
+        Whether that ends with the first zero of the first expression.
+    names : tuple of str
+        Of the expressions.
+    zeros : array, optional
+        Where zeros lie that were found.
+    held : tuple
+        What lies behind that.
+    """
+
+    opening: bytes
+    search: bytes = UNSEARCHED
+    stops: bool = False
+    names: tuple[str, ...] = ()
+    zeros: np.ndarray | None = None
+    held: tuple = ()
+
+
+NOTHING_BESIDE = Beside(NO_OPENING)
+
+
+def searched_beside(
+    opening: bytes,
     what: Sought,
     speed: np.ndarray,
     velocities: RowFunction | None,
     longest: int,
     typical: tuple[int, int],
-) -> Asked:
-    """What is looked for along runs from a start with this velocity, of so many steps at most.
+    stops: bool,
+    names: tuple[str, ...],
+) -> Beside:
+    """A search along runs from a start with this velocity, of so many steps at most.
 
     `velocities` is (q, p, t) → v for loops that look for none, `typical` how others are told
     typical sizes.
@@ -208,7 +240,8 @@ def search_asked(
     zeros = np.empty((what.room, what.width))
     places = what.at, address_of(speed), velocities.at if velocities else 0, new_address(zeros)
     numbers = what.room, longest, FIXED_POINT_ITERATIONS
-    return _SEARCH.pack(*places, *numbers, *typical), zeros
+    search = _SEARCH.pack(*places, *numbers, *typical)
+    return Beside(opening, search, stops, names, zeros, (what, speed, velocities))
 
 
 # steps of a run, runs that were made, its estimated error, iterations, residual; coordinates and
@@ -248,8 +281,7 @@ def two_runs(
     radians: float,
     tol: float,
     rates: Rates = NO_RATES,
-    opening: bytes = NO_OPENING,
-    search: Asked = UNSEARCHED,
+    beside: Beside = NOTHING_BESIDE,
 ) -> Found | int:
     """A run whose error is below tol by the difference to a coarser one; NOT_PROVED where that
     cannot be shown, NOT_SHORT where a run is too long, or another loop should go on, VARIES where
@@ -268,18 +300,15 @@ def two_runs(
     tol : float
     rates : Rates, optional
         That steps could follow.
-    opening : bytes, optional
-        Of a loop that must be told more at a fresh start, see `opening_for`.
-    search : tuple, optional
-        What is looked for along the run, which may end there.
+    beside : Beside, optional
     """
     asked = _ASKED.pack(first, t0, duration, radians, tol, rates.at)
-    status = course.entry(course.head + places.head + asked + opening + search[0])
+    status = course.entry(course.head + places.head + asked + beside.opening + beside.search)
     if status != PROVED and status != DOUBTED:
         return status
     told = _FOUND.unpack_from(places.told)
     steps, runs, estimate, iterations, residual, rows, last, some, _ = told
-    shape, zeros = (course.parts, last + 1, course.n), search[1]
+    shape, zeros = (course.parts, last + 1, course.n), beside.zeros
     if rows:
         nodes = _taken(rows, course.n, last, shape[0])
     else:
@@ -287,5 +316,5 @@ def two_runs(
         if view is None:
             view = places.views[last] = _ARRAY(shape, _FLOAT, places.room)
         nodes = view.copy()
-    found = None if zeros is None else zeros[:some]
+    found = None if zeros is None else zeros[:some].copy()
     return steps, runs, estimate, iterations, residual, nodes, status == DOUBTED, found

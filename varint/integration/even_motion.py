@@ -17,6 +17,8 @@ from varint.codegen.times import states_at_times
 from varint.codegen.two_runs import (
     GRADED,
     GRADED_DOUBTED,
+    NOTHING_BESIDE,
+    Beside,
     Course,
     Places,
     Rates,
@@ -26,6 +28,7 @@ from varint.codegen.two_runs import (
 from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.plan import Plan
 from varint.integration.trajectories import stats_of
+from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 
@@ -33,6 +36,8 @@ if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
 
 _new, _set = object.__new__, object.__setattr__
+# what was found on the way of a motion: its system and parameters, names of expressions, and zeros
+Happened = tuple[System, np.ndarray, tuple[str, ...], np.ndarray]
 TOLD = "seconds", "tol", "error_estimate", "rule", "runs"  # in this order, or the first of them
 
 
@@ -55,7 +60,8 @@ class Made(NamedTuple):
     name : str
         Of the rule.
     make : callable
-        (h, t0, steps, iterations, residual), what is `TOLD`, name → what the motion has of it.
+        (h, t0, steps, iterations, residual), what is `TOLD`, what happened, name → what the motion
+        has of it.
     now, array, number : callable, type, dtype
         The clock, and what nodes are made of.
     """
@@ -89,8 +95,8 @@ def made_of(course: Course, chosen: Plan) -> Made:
 def proved_motion() -> Callable[..., Trajectory | tuple[Trajectory, float] | int]:
     """(how motions are made, places, system, parameters, t0, duration, first, radians, tol, rates,
     began) → the motion whose error `two_runs` prove, with that error where more is to be looked at
-    before; or what they say. With times that are asked for, and how it is looked at between its
-    nodes, these may be its nodes already.
+    before; or what they say. Behind that may stand what is asked `Beside`, or None, then times that
+    are asked for, and how it is looked at between its nodes: these may be its nodes already.
     """
     built = built_module()
     return _proved if built is None else built.prove  # type: ignore[no-any-return]
@@ -108,19 +114,28 @@ def _proved(
     tol: float,
     rates: Rates,
     began: float,
+    beside: Beside | None = None,
     *asked: Any,
 ) -> Trajectory | tuple[Trajectory, float] | int:
     """As c/direct.c does, but at times that are asked for."""
-    found = two_runs(how.course, places, t0, duration, first, radians, tol, rates)
+    beside = beside or NOTHING_BESIDE
+    found = two_runs(how.course, places, t0, duration, first, radians, tol, rates, beside)
     if isinstance(found, int):
         if found not in (GRADED, GRADED_DOUBTED):
             return found
         graded, estimate, _ = graded_motion(system, how, places, c, (t0, duration, tol), began)
         return graded if found == GRADED else (graded, estimate)
-    steps, runs, estimate, iterations, residual, nodes, doubted, _ = found
-    grid = duration / steps, t0, steps, iterations, residual
+    steps, runs, estimate, iterations, residual, nodes, doubted, zeros = found
+    grid: tuple = (duration / steps, t0, steps, iterations, residual)
+    happened = None
+    if zeros is not None and len(zeros):
+        cut = beside.stops and not zeros[0, 1]
+        if cut:
+            grid = (*grid, len(nodes[0]) - 1, zeros.item((0, 2)))
+        if len(zeros) > cut:
+            happened = system, c, beside.names, zeros[cut:]
     told = perf_counter() - began, tol, estimate, how.name, runs
-    motion = even_motion_of(system, how, nodes, c, grid, told)
+    motion = even_motion_of(system, how, nodes, c, grid, told, happened)
     return (motion, estimate) if doubted else motion
 
 
@@ -129,17 +144,17 @@ def even_motion_of(
     how: Made,
     nodes: np.ndarray,
     c: np.ndarray,
-    grid: tuple[float, float, int, float, float],
+    grid: tuple,
     told: tuple,
-    end: float | None = None,
+    happened: Happened | None = None,
 ) -> Trajectory:
     """`plain_motion_of` one with a node at each of its equal steps, or until it ends within one of
-    them, at the time `end`: (q, p) and perhaps v, and what is made of its (h, t0, steps,
-    iterations, residual) and of what is `TOLD` when it is asked for.
+    them: (q, p) and perhaps v, and what is made of its grid, (h, t0, steps, iterations, residual)
+    and perhaps the number and time of its last node, of what is `TOLD` and what happened when it is
+    asked for.
     """
-    made = grid if end is None else (*grid, len(nodes[0]) - 1, end)
     known = dict(how.blank, system=system, q=nodes[0], p=nodes[1], h=grid[0], c=c, origin=grid[1])
-    known["_make"] = partial(how.make, made, told)
+    known["_make"] = partial(how.make, grid, told, happened)
     if len(nodes) > 2:
         known["v"] = nodes[2]
     motion = _new(Trajectory)
@@ -190,6 +205,7 @@ def _made(
     kernel: Kernel,
     grid: tuple,
     told: tuple,
+    happened: Happened | None,
     name: str,
 ) -> Any:
     """The field of this name; of a motion that ends within a step the number and time of its last
@@ -206,8 +222,16 @@ def _made(
         return np.empty((steps, 1, 0))
     if name == "fictitious":
         return None
+    if name == "events":
+        return () if happened is None else _events(*happened, h, last[1] if last else None)
     k = np.arange((last[0] if last else steps) + 1, dtype=np.int64)
     x = k if name == "k" else h * k + t0
     if last:
         x[-1] = last[0] - 1 if name == "k" else last[1]
     return x
+
+
+def _events(*found: Any) -> tuple[Event, ...]:
+    from varint.integration.events.short_search import events_along  # where some are asked for
+
+    return events_along(*found)

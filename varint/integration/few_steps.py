@@ -146,7 +146,7 @@ def few_steps_call(
         end = nodes[1].item(-1) if until is not None and zeros[0, 1] == 0 else None
         names = ("until", *(events or ())) if until is not None else tuple(events)
         others = zeros if end is None else zeros[1:]
-        motion.__dict__["events"] = _short_search().events_along(system, names, others, c, h, end)
+        motion.__dict__["events"] = _short_search().events_along(system, c, names, others, h, end)
         if end is not None:
             motion = with_stats(motion, steps=int(nodes[0].item(-1)) + 1)
     alarm = None if quiet else energy_alarm(motion)

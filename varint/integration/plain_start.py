@@ -27,6 +27,8 @@ from varint.scene.system import System, parameter_values
 
 if TYPE_CHECKING:
     from varint.codegen.opening import Opening
+    from varint.codegen.sought import Sought
+    from varint.codegen.two_runs import Beside
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
 FLOAT = np.dtype(float)
@@ -82,8 +84,12 @@ class Room:
         The last start that a motion was made from.
     seen : tuple, optional
         A `known` start that was looked at ahead of a run, and what was seen.
+    divided : tuple, optional
+        A `known` start, a duration and the pieces of it that runs from there are over.
     chosen : tuple, optional
         The loop and its first steps, for what was seen and a tolerance.
+    watched : tuple, optional
+        What was watched for along runs from here, and how the core is told of it.
     """
 
     n: int
@@ -112,7 +118,9 @@ class Room:
     known: tuple[bytes, float] | None = None
     met: tuple[bytes, float] | None = None
     seen: tuple | None = None
+    divided: tuple | None = None
     chosen: tuple | None = None
+    watched: tuple[Sought, tuple, Beside] | None = None
 
 
 class Watched(NamedTuple):

@@ -7,13 +7,25 @@ not as it should be, and says what.
 
 from __future__ import annotations
 
+from functools import cache
 from time import perf_counter
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from varint.codegen.two_runs import NO_RATES, NOT_PROVED, UNASKED, VARIES, Rates, runs_made
-from varint.integration.even_motion import between_nodes, made_of, proved_motion
+from varint.codegen.kernel import Kernel
+from varint.codegen.two_runs import (
+    NO_OPENING,
+    NO_RATES,
+    NOT_PROVED,
+    UNASKED,
+    VARIES,
+    Beside,
+    Rates,
+    runs_made,
+)
+from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
 from varint.integration.linear_run import is_one_map
 from varint.integration.plain_start import (
@@ -23,11 +35,12 @@ from varint.integration.plain_start import (
     begin_at,
     begin_by_momentum,
     is_plain_number,
+    opening_in,
     room_of,
     velocities_in,
 )
 from varint.integration.repeated import remember
-from varint.integration.short_by_python import by_python, looked_at
+from varint.integration.short_doubts import looked_at
 from varint.integration.short_scenes import Known, chosen_in, fastest_of, known_of, looked_between
 from varint.integration.short_trials import course_by
 from varint.integration.small_motions import angles_turned
@@ -89,15 +102,9 @@ def short_call(
             return None
         if type(t0) is not float or type(duration) is not float:
             t0, duration = float(t0), float(duration)
-        seen = room.seen
-        there = room.known
-        if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
-            if seen is None or seen[2] != duration or seen[3] != t0:
-                check_steps(t0, duration, 1)
-            ahead = looked_ahead(system, known, room, begin, t0, c, duration)
-            seen = there, known, duration, t0, *ahead
-            room.seen = None if there is None else seen
-        _, _, _, _, pilot, turned = seen
+        if abs(t0) > abs(duration):
+            check_steps(t0, duration, 1)
+        pilot, turned = seen_in(room, system, known, begin, t0, c, duration)
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
             rates = known.rates
@@ -132,22 +139,27 @@ def is_plainly_asked(rule: Any, t0: Any, duration: Any, tol: float) -> bool:
     return bool(is_plain_number(duration) and duration and is_plain_number(t0))
 
 
-def looked_ahead(
+def seen_in(
+    room: Room,
     system: System,
     known: Known,
-    room: Room,
     begin: np.ndarray,
     t0: float,
     c: np.ndarray,
     duration: float,
 ) -> tuple[RatePilot | None, tuple[float, float]]:
     """A pilot if steps should vary, and else how far the fastest motions turn: at the start, and
-    where the first steps are for.
+    where the first steps are for. What was seen from the start that is there is remembered.
     """
-    assert room.look is not None
-    room.look()
-    ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
-    return ahead.pilot, angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
+    seen, there = room.seen, room.known
+    if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
+        assert room.look is not None
+        room.look()
+        ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
+        turned = angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
+        seen = there, known, duration, ahead.pilot, turned
+        room.seen = None if there is None else seen
+    return seen[3], seen[4]
 
 
 def by_the_core(
@@ -182,27 +194,64 @@ def by_the_core(
     if made is None:
         return None
     radians, low = turned[0], gears if made.course.kernel is gears.low else None
+    asked: tuple[Any, ...] = ()
     if known.held or watched is not None:
-        asked = t0, duration, first, radians, tol
-        call = system, known, made, kernel, room, c, asked, low, rates, began, watched
-        motion = by_python(*call)
-        return motion if times is None else between_nodes(motion, kernel, times)
+        beside = _beside(system, known, made, kernel, room, c, watched)
+        if beside is None:
+            return None
+        asked = (beside,)
+    if times is not None and (between := looked_between(loop, kernel)):
+        asked = (*(asked or (None,)), times, between)
     now, prove = perf_counter() if low else 0.0, proved_motion()
-    at, asked_for = room.places, () if times is None else looked_between(loop, kernel, times)
     how = t0, duration, first, radians, tol
-    found = prove(made, at, system, c, *how, rates[0], began, *asked_for)
+    found = prove(made, room.places, system, c, *how, rates[0], began, *asked)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
-        found = prove(made, at, system, c, *how, rates[0], began, *asked_for)
+        found = prove(made, room.places, system, c, *how, rates[0], began, *asked)
     if low:
         kernel_after(low, perf_counter() - now, 0.0)
+    if known.held and room.opening is not None and room.opening.raised:
+        raise room.opening.raised.pop()
     if type(found) is Trajectory:
         if times is not None:
             return between_nodes(found, kernel, times)
-        if chosen is before and not low:
+        if not asked and chosen is before and not low:
             remember(system, known.rule, room, known.rooms, gears.high, made, rates, c, how)
         return found
     if isinstance(found, tuple):
-        return looked_at(rule, *found, tol)
+        motion, estimate = found
+        found = looked_at(motion, estimate, tol, known.held)
+        found = found if times is None else between_nodes(found, kernel, times)
+    elsewhere = known.held or (found == NOT_PROVED and is_one_map(system, rule))
     # where one map does not do, steps of another rule may
-    return None if found == NOT_PROVED and is_one_map(system, rule) else found
+    return None if type(found) is int and elsewhere else found
+
+
+def _beside(
+    system: System,
+    known: Known,
+    made: Made,
+    kernel: Kernel,
+    room: Room,
+    c: np.ndarray,
+    watched: Watched | None,
+) -> Beside | None:
+    """What is asked beside the runs from the start that is there; None where it is to be looked for
+    elsewhere.
+    """
+    opening = opening_in(room, system).by_core if known.held else NO_OPENING
+    if watched is None:
+        return Beside(opening)
+    mapped = made.course.kernel is not kernel
+    found: Beside | None = _watched_runs().watched_in(
+        system, kernel, mapped, room, c, watched, opening
+    )
+    return found
+
+
+@cache
+def _watched_runs() -> ModuleType:
+    """Loaded when something is watched for."""
+    from varint.integration import watched_runs
+
+    return watched_runs

@@ -122,18 +122,15 @@ def chosen_in(system: System, known: Known, begin: float, tol: float) -> tuple[L
     return loop, loop.begins(price, begin, tol)
 
 
-def looked_between(
-    loop: Loop, kernel: Kernel, times: np.ndarray
-) -> tuple[()] | tuple[np.ndarray, Between]:
-    """The times that are asked for and how the motion is looked at there by this loop; nothing
-    where that is done afterwards.
+def looked_between(loop: Loop, kernel: Kernel) -> Between | None:
+    """How motions are looked at between their nodes by this loop; None where that is done
+    afterwards.
     """
     if loop.between[0] is not kernel:
         loop.between = kernel, None
         with suppress(CompileError):
             loop.between = kernel, between(kernel)
-    how = loop.between[1]
-    return () if how is None else (times, how)
+    return loop.between[1]
 
 
 def fastest_of(known: Known, local: np.ndarray) -> float | None:

@@ -28,14 +28,11 @@ from varint.codegen.rows import RowFunction, as_data
 from varint.codegen.two_runs import (
     GRADED,
     GRADED_DOUBTED,
-    NO_OPENING,
     NO_RATES,
     NOT_PROVED,
     NOT_SHORT,
     UNASKED,
-    UNSEARCHED,
     VARIES,
-    Asked,
     Course,
     Found,
     Places,
@@ -163,18 +160,16 @@ def two_short_runs(
     places: Places,
     asked: tuple[float, float, int, float, float],
     rates: list[Rates],
-    opening: bytes = NO_OPENING,
-    search: Asked = UNSEARCHED,
 ) -> Found | int:
     """`two_runs` of (t0, duration, first, radians, tol), and in the low one of `gears` a look at
     whether another one repays; VARIES and more where steps of a run that went astray should follow
     one of the rates.
     """
     now = perf_counter() if gears else 0.0
-    found = two_runs(course, places, *asked, rates[0], opening, search)
+    found = two_runs(course, places, *asked, rates[0])
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
-        found = two_runs(course, places, *asked, rates[0], opening, search)
+        found = two_runs(course, places, *asked, rates[0])
     if gears:
         kernel_after(gears, perf_counter() - now, 0.0)
     return found

@@ -13,9 +13,9 @@ import numpy as np
 
 from varint.codegen.two_runs import NO_RATES
 from varint.integration.no_farther import ends_within, pieces
-from varint.integration.plain_start import Watched, begin_in, room_of, velocities_in
-from varint.integration.short_call import by_the_core, is_plainly_asked, looked_ahead
-from varint.integration.short_scenes import fastest_of, known_of
+from varint.integration.plain_start import Room, Watched, begin_in, room_of, velocities_in
+from varint.integration.short_call import by_the_core, is_plainly_asked, seen_in
+from varint.integration.short_scenes import Known, fastest_of, known_of
 from varint.integration.tolerance import DEFAULT_TOL
 from varint.integration.trajectories import with_stats
 from varint.numerics.limits import check_steps
@@ -52,14 +52,11 @@ def call_until(
         if c is None:
             return None
         t0, duration, begin = float(t0), float(duration), room.start
-        check_steps(t0, duration, 1)
         if p0 is not None and known.varies:
             begin = np.concatenate((room.q, velocities_in(room, system, c)))
-        assert room.look is not None
-        room.look()
         runs, looked = 0, Watched(*watched, p0 is not None)
-        for piece in (*pieces(fastest_of(known, room.local) or 0.0, duration), duration):
-            pilot, turned = looked_ahead(system, known, room, begin, t0, c, piece)
+        for piece in _pieces_in(room, known, t0, duration):
+            pilot, turned = seen_in(room, system, known, begin, t0, c, piece)
             if pilot is not None:
                 return None
             how = system, known, room, c, t0, piece, tol, turned, began
@@ -74,3 +71,16 @@ def call_until(
         return None
     finally:
         pool.append(room)
+
+
+def _pieces_in(room: Room, known: Known, t0: float, duration: float) -> tuple[float, ...]:
+    """Of a duration, shorter ones first; those for the start that is there are remembered."""
+    divided, there = room.divided, room.known
+    if divided is None or divided[0] is not there or divided[1] != duration:
+        check_steps(t0, duration, 1)
+        assert room.look is not None
+        room.look()
+        fastest = fastest_of(known, room.local) or 0.0
+        divided = there, duration, (*pieces(fastest, duration), duration)
+        room.divided = None if there is None else divided
+    return divided[2]

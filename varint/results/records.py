@@ -18,19 +18,22 @@ if TYPE_CHECKING:
 
 
 class OnDemand:
-    """Default of a field of this name of a dataclass: None; but where an instance has a function
+    """A field of this name of a dataclass with a default; but where an instance has a function
     `_make` in its `__dict__`, what that makes of the name, at the first look.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, default: Any) -> None:
+        self.name, self.default = name, default
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
         make = None if instance is None else instance.__dict__.get("_make")
-        return None if make is None else instance.__dict__.setdefault(self.name, make(self.name))
+        if make is None:
+            return self.default
+        return instance.__dict__.setdefault(self.name, make(self.name))
 
 
-FICTITIOUS: Any = OnDemand("fictitious")
+EVENTS: Any = OnDemand("events", ())
+FICTITIOUS: Any = OnDemand("fictitious", None)
 
 
 def made_at_first_look(instance: Any, name: str) -> Any:

@@ -16,6 +16,7 @@ from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
 from varint.results.records import (
+    EVENTS,
     FICTITIOUS,
     Costates,
     State,
@@ -100,7 +101,7 @@ class Trajectory:
     functions: StepsAgain
     active_sets: tuple[ActiveSet, ...] = ()
     active_set: np.ndarray | None = None
-    events: tuple = ()
+    events: tuple = EVENTS
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     fictitious: Trajectory | None = FICTITIOUS
     dense_output: Callable[[Trajectory, np.ndarray], Trajectory] | None = None

@@ -79,7 +79,7 @@ static PyObject *repeated(PyObject *self, PyObject *const *given, Py_ssize_t cou
         const Py_ssize_t free = PyList_GET_SIZE(pool) - 1;
         if (now && !PyList_SetSlice(pool, free, free + 1, 0)) { /* as long as it runs the room is nobody else's */
             const Wanted wanted = {how, ITEM(ready, IN_PLACES), given[SYSTEM], ITEM(ready, PARAMETERS), PyList_GET_ITEM(ITEM(ready, RATES), 0),
-                                   0, 0, last.t0, last.duration, last.radians, last.tol, PyFloat_AsDouble(now), (int64_t)last.first};
+                                   0, 0, 0, last.t0, last.duration, last.radians, last.tol, PyFloat_AsDouble(now), (int64_t)last.first};
             found = proved(&wanted);
             if (PyList_Append(pool, ITEM(ready, LAST_ROOM))) Py_CLEAR(found);
         }

@@ -5,6 +5,7 @@ run.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -16,6 +17,8 @@ from varint.codegen.sought import Sought, sought_by
 from varint.discrete.lagrangian import energy_function
 from varint.integration.energy_check import SAMPLES, places_looked_at
 from varint.integration.events.crossings import (
+    DEEP,
+    LATELY,
     REMEMBERED,
     Watch,
     crossing_search,
@@ -27,18 +30,20 @@ from varint.integration.events.native_crossings import NUMBERS
 from varint.integration.trajectories import in_order
 from varint.numerics.arrays import over_columns
 from varint.results.records import Event
+from varint.scene.expressions import Written, as_written, is_written_so
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
 
 class Search(NamedTuple):
     """What is looked for in runs by a loop: None where it is to be looked for elsewhere; what was
-    asked for, kept so that no other expressions are taken for these.
+    asked for, kept so that no other expressions are taken for these, and what that says.
     """
 
     kernel: Kernel
     sought: Sought | None
     asked: tuple
+    written: tuple[Written, ...] = ()
 
 
 @per_system
@@ -52,7 +57,7 @@ def key_of(until: Any, events: Any) -> tuple | None:
     if events is not None and type(events) is not dict:
         return None
     key: list[Any] = [until is not None]
-    for wanted in (*(() if until is None else (until,)), *(events or {}).values()):
+    for wanted in _wanted(until, events):
         expression, direction = (
             wanted if type(wanted) is tuple and len(wanted) == 2 else (wanted, 0)
         )
@@ -69,7 +74,7 @@ def search_for(
 ) -> Sought | None:
     """What is to be looked for in runs by a loop; None where it is to be looked for elsewhere."""
     known = searches_known(system)
-    search = None if key is None else known.get(key)
+    search = None if key is None else known.get(key) or _written_alike(known, key, until, events)
     if search is None or search.kernel is not kernel:
         watches = [] if until is None else [parse_watch("until", until)]
         watches += parse_watches(events)
@@ -77,6 +82,22 @@ def search_for(
         if key is not None:
             _keep(system, key, search)
     return search.sought
+
+
+def _wanted(until: Any, events: Any) -> tuple[Any, ...]:
+    return (*(() if until is None else (until,)), *(events or {}).values())
+
+
+def _written_alike(
+    known: dict[tuple, Search], key: tuple, until: Any, events: Any
+) -> Search | None:
+    """A search for the same small expressions, which were written anew for this call."""
+    asked = [wanted[0] if type(wanted) is tuple else wanted for wanted in _wanted(until, events)]
+    for other, search in islice(reversed(known.items()), LATELY):
+        same = search.written and (other[0], *other[2::2]) == (key[0], *key[2::2])
+        if same and all(map(is_written_so, asked, search.written)):
+            return search
+    return None
 
 
 def _search(system: System, kernel: Kernel, watches: Sequence[Watch], stops: bool) -> Search:
@@ -89,7 +110,8 @@ def _search(system: System, kernel: Kernel, watches: Sequence[Watch], stops: boo
         found = Search(kernel, sought, ())
         _keep(system, say, found)
     # no one else changes copies of what was asked for
-    return found._replace(asked=tuple(ca.SX(watch.expression) for watch in watches))
+    asked = tuple(ca.SX(watch.expression) for watch in watches)
+    return found._replace(asked=asked, written=tuple(as_written(x, DEEP) for x in asked))
 
 
 def _keep(system: System, key: tuple, search: Search) -> None:
@@ -116,9 +138,9 @@ def _sought(kernel: Kernel, searches: Sequence[CrossingSearch], stops: bool) -> 
 
 def events_along(
     system: System,
+    c: np.ndarray,
     names: Sequence[str],
     zeros: np.ndarray,
-    c: np.ndarray,
     h: float,
     end: float | None,
 ) -> tuple[Event, ...]:
@@ -128,12 +150,12 @@ def events_along(
     Parameters
     ----------
     system : System
+    c : array
+        Parameters.
     names : sequence of str
         Of the zeros' expressions, by their numbers.
     zeros : array
         See `Sought`.
-    c : array
-        Parameters.
     h, end : float
     """
     if not len(zeros):

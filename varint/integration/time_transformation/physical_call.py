@@ -193,6 +193,8 @@ def _made(called: Called, moving: System, how: How, more: dict[str, Any], name: 
         return inner_motion(called, moving, how)
     if name == "u":
         return np.empty((until.steps, 1, 0))
+    if name == "events":
+        return ()
     if name == "stats":
         work = until.iterations, until.residual
         return stats_of(called.plan, until.kernel, until.steps, work, {"seconds": seconds, **more})
