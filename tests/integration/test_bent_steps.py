@@ -10,7 +10,7 @@ import pytest
 
 import varint as vi
 from varint.codegen.two_runs import NOT_SHORT
-from varint.integration import short_by_python, short_call, tolerance
+from varint.integration import short_call, tolerance
 from varint.integration.bent_steps import bends_with_velocity, made_by_bends
 from varint.integration.error_scale import error_scales
 from varint.integration.narrow_places import PARTS
@@ -104,7 +104,6 @@ def test_luck_with_the_places_of_bends_is_not_counted_on(monkeypatch, name, way)
     scene = build()
     more = {"scale": scales_known(scene, start, duration)} if way == "python" else {}
     if way == "the long way":
-        monkeypatch.setattr(short_by_python, "two_short_runs", lambda *_: NOT_SHORT)
         monkeypatch.setattr(short_call, "proved_motion", lambda: lambda *_: NOT_SHORT)
         monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_SHORT)
         monkeypatch.setattr(tolerance, "by_short_refinement", lambda *_: None)

@@ -8,7 +8,7 @@ import pytest
 
 import varint as vi
 from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
-from varint.integration import short_by_python, short_call, tolerance
+from varint.integration import short_call, short_doubts, tolerance
 from varint.integration.energy_check import energies_along, energies_by_velocity
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import short_run
@@ -165,7 +165,7 @@ def test_what_the_core_doubts_is_looked_at_closely(monkeypatch, when):
         looked.append(looked_at_closely(*given))
         return looked[-1]
 
-    monkeypatch.setattr(short_by_python, "looked_at_closely", closely)
+    monkeypatch.setattr(short_doubts, "looked_at_closely", closely)
     tol = 1e-6
     motion = vi.simulate(scene, q0=1.0, v0=0.0, duration=10.0, tol=tol)
     assert looked and looked[0] > tol
