@@ -78,6 +78,80 @@ def test_the_same_call_makes_the_same_motion(counted):
         assert 0 < motion.stats["seconds"] < 60
 
 
+def watches(system):
+    q, v = system.q, system.v
+    high, turn = q[1] - 1.2, v[1] + 0.0
+    return (
+        {"until": high},
+        {"events": {"high": high, "turn": turn}},
+        {"until": q[0] - 50, "events": {"high": high}},
+        {"until": high, "events": {"until": turn}},
+    )
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_the_same_is_found_on_the_way(counted, which):
+    system, fresh = falling(), falling()
+    call = START | watches(system)[which]
+    shifted_up(system, **call)
+    counted.clear()
+    motion = vi.simulate(system, **call)
+    assert counted == [True]
+    longer = vi.simulate(fresh, **START, **watches(fresh)[which], backend="compiled")
+    assert [x.kind for x in motion.events] == [x.kind for x in longer.events]
+    assert motion.t[-1] == pytest.approx(longer.t[-1], abs=1e-11)
+    again = vi.simulate(system, **call | {"q0": [0.0, 1.0 + 1e-13]})  # the longer way
+    same(motion, vi.simulate(system, **call))
+    assert len(again) == len(motion) and counted == [True] + 3 * [False]
+
+
+def test_what_is_watched_for_in_another_way_takes_another_way(counted):
+    system = falling()
+    until, events, both, _ = watches(system)
+    high, turn = events["events"].values()
+    shifted_up(system, **START, **events)
+    counted.clear()
+    others = (
+        {"events": {"low": high, "turn": turn}},
+        {"events": {"turn": turn, "high": high}},
+        {"events": {"high": high}},
+        {"events": {"high": (high, 1), "turn": turn}},
+        {"events": {"high": high, "turn": turn}, "until": system.q[0] - 50},
+        {"until": high},
+        {},
+        {"events": {}},
+    )
+    for other in others:
+        motion = vi.simulate(system, **START, **other)
+        names = set(other.get("events", ()))
+        assert {x.kind for x in motion.events} <= names
+        assert not names or {x.kind for x in motion.events} == names
+    assert not any(counted)
+    shifted_up(system, **START, **events)
+    high += 0.1  # in place, or another one: it is not taken for what it was
+    events["events"]["high"] = high
+    vi.simulate(system, **START, **events)
+    assert counted[-1] is False
+    shifted_up(system, **START, **until)
+    for other in ({}, {"events": {}}, both, {"until": turn}):
+        vi.simulate(system, **START, **other)
+        assert counted[-1] is False
+
+
+def test_held_motions_are_made_again(counted):
+    q, v = vi.coordinates("x", "z")
+
+    def swinging():
+        return vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=ca.sumsqr(q) - 1)
+
+    call = dict(q0=[0.6, -0.8], v0=[0.0, 0.0], duration=1.0, progress=False)
+    system = shifted_up(swinging(), **call)
+    counted.clear()
+    motion = vi.simulate(system, **call)
+    assert counted == [True]
+    same(motion, vi.simulate(swinging(), **call, backend="compiled"))
+
+
 def test_motions_do_not_share_their_nodes(counted):
     system = shifted_up(falling(), **START)
     one, other = vi.simulate(system, **START), vi.simulate(system, **START)

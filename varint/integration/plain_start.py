@@ -124,13 +124,19 @@ class Room:
 
 
 class Watched(NamedTuple):
-    """What is watched for along a run, `until` one expression crosses zero and for `events`, and
-    whether the run begins with momenta.
+    """What is watched for along a run, `until` one expression crosses zero and for `events`,
+    whether the run begins with momenta, and whether it is over all of the duration that is asked
+    for.
     """
 
     until: Any
     events: Any
     by_momentum: bool
+    whole: bool = True
+
+    def expressions(self) -> tuple[Any, ...]:
+        """As they were asked for."""
+        return (*(() if self.until is None else (self.until,)), *(self.events or {}).values())
 
 
 def is_plain_number(x: Any) -> bool:

@@ -7,13 +7,14 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from varint.codegen.built import built_module
 from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import Places, Rates
+from varint.codegen.two_runs import Beside, Places, Rates
 from varint.integration.even_motion import Made
-from varint.integration.plain_start import Room
+from varint.integration.plain_start import Room, Watched
 from varint.integration.tolerance import DEFAULT_TOL
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -40,8 +41,10 @@ class Repeated(NamedTuple):
         Where the start is, where that lies when nobody uses it, and the start that is known there.
     high, kernel
         The compiled loop as it is now, and as it was.
-    how, places, c, rates
+    how, places, c, rates, beside
         As `proved_motion` takes them.
+    watched : tuple
+        Expressions that were watched for, and what tells whether one has been changed since.
     """
 
     last: bytes
@@ -57,6 +60,8 @@ class Repeated(NamedTuple):
     places: Places
     c: np.ndarray
     rates: list[Rates]
+    beside: Beside | None
+    watched: tuple[tuple[ca.SX, int], ...]
 
 
 def remember(
@@ -69,11 +74,16 @@ def remember(
     rates: list[Rates],
     c: np.ndarray,
     asked: tuple[float, float, int, float, float],
+    beside: Beside | None,
+    watched: Watched | None,
 ) -> None:
     """That a call for t0, duration, first steps, radians and tol went so, from the start in a room;
     by the compiled loop that is the high gear now. Of a start that is met once it is not.
     """
     if room.known is None or built_module() is None:
+        return
+    expressions = () if watched is None else watched.expressions()
+    if not all(type(x) is ca.SX for x in expressions):
         return
     if room.known is not room.met:
         room.met = room.known
@@ -81,4 +91,6 @@ def remember(
     t0, duration, first, radians, tol = asked
     last = _LAST.pack(t0, duration, tol, DEFAULT_TOL, radians, first)
     there = room, pool, room.known, high, how.course.kernel, how, room.places
-    system.__dict__[PLACE] = Repeated(last, room.known[0], rule, BY_DEFAULT, *there, c, rates)
+    kept = tuple((x, x.element_hash()) for x in expressions)
+    ready = Repeated(last, room.known[0], rule, BY_DEFAULT, *there, c, rates, beside, kept)
+    system.__dict__[PLACE] = ready

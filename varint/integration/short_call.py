@@ -102,7 +102,8 @@ def short_call(
             return None
         if type(t0) is not float or type(duration) is not float:
             t0, duration = float(t0), float(duration)
-        if abs(t0) > abs(duration):
+        seen = room.seen
+        if seen is None or seen[2] != duration or seen[3] != t0:
             check_steps(t0, duration, 1)
         pilot, turned = seen_in(room, system, known, begin, t0, c, duration)
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
@@ -157,9 +158,9 @@ def seen_in(
         room.look()
         ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
         turned = angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
-        seen = there, known, duration, ahead.pilot, turned
+        seen = there, known, duration, t0, ahead.pilot, turned
         room.seen = None if there is None else seen
-    return seen[3], seen[4]
+    return seen[4], seen[5]
 
 
 def by_the_core(
@@ -194,20 +195,20 @@ def by_the_core(
     if made is None:
         return None
     radians, low = turned[0], gears if made.course.kernel is gears.low else None
-    asked: tuple[Any, ...] = ()
+    beside = None
     if known.held or watched is not None:
         beside = _beside(system, known, made, kernel, room, c, watched)
         if beside is None:
             return None
-        asked = (beside,)
+    asked: tuple[Any, ...] = ()
     if times is not None and (between := looked_between(loop, kernel)):
-        asked = (*(asked or (None,)), times, between)
+        asked = times, between
     now, prove = perf_counter() if low else 0.0, proved_motion()
     how = t0, duration, first, radians, tol
-    found = prove(made, room.places, system, c, *how, rates[0], began, *asked)
+    found = prove(made, room.places, system, c, *how, rates[0], began, beside, *asked)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
-        found = prove(made, room.places, system, c, *how, rates[0], began, *asked)
+        found = prove(made, room.places, system, c, *how, rates[0], began, beside, *asked)
     if low:
         kernel_after(low, perf_counter() - now, 0.0)
     if known.held and room.opening is not None and room.opening.raised:
@@ -215,8 +216,9 @@ def by_the_core(
     if type(found) is Trajectory:
         if times is not None:
             return between_nodes(found, kernel, times)
-        if not asked and chosen is before and not low:
-            remember(system, known.rule, room, known.rooms, gears.high, made, rates, c, how)
+        if chosen is before and not low and (watched is None or watched.whole):
+            there = room, known.rooms, gears.high, made, rates, c, how
+            remember(system, known.rule, *there, beside, watched)
         return found
     if isinstance(found, tuple):
         motion, estimate = found

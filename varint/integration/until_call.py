@@ -54,8 +54,9 @@ def call_until(
         t0, duration, begin = float(t0), float(duration), room.start
         if p0 is not None and known.varies:
             begin = np.concatenate((room.q, velocities_in(room, system, c)))
-        runs, looked = 0, Watched(*watched, p0 is not None)
-        for piece in _pieces_in(room, known, t0, duration):
+        runs, divided = 0, _pieces_in(room, known, t0, duration)
+        looked = Watched(*watched, p0 is not None, len(divided) == 1)
+        for piece in divided:
             pilot, turned = seen_in(room, system, known, begin, t0, c, piece)
             if pilot is not None:
                 return None

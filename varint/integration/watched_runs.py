@@ -31,7 +31,7 @@ def watched_in(
     """What is looked for along runs from the start that is there; None where it is to be looked for
     elsewhere. Runs that are `mapped` look for no velocities.
     """
-    until, events, by_momentum = watched
+    until, events, by_momentum, _ = watched
     what = search_for(system, kernel, key_of(until, events), until, events)
     names = tuple(events or ()) if until is None else ("until", *(events or ()))
     asked = None if by_momentum else (mapped, names)

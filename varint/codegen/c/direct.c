@@ -34,8 +34,8 @@ enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
 enum { OPENING, SEARCH, STOPS, EXPRESSIONS, ZEROS, HELD_BESIDE, BESIDE };
 enum { AT_TIMES, STEPS, STEPS_SCENE, MOST, WHOLE, BETWEEN };
-enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, REPEATED_NAME, KNOWN_NAME, SIZES_NAME, NAMES };
-static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__", "_repeated", "known", "sizes"};
+enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, REPEATED_NAME, KNOWN_NAME, SIZES_NAME, ELEMENT_HASH_NAME, NAMES };
+static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__", "_repeated", "known", "sizes", "element_hash"};
 static PyObject *names[NAMES];
 
 #define ITEM(tuple, i) PyTuple_GET_ITEM(tuple, i)

@@ -6,10 +6,11 @@
 /* The arguments of `simulate`, as they stand there. */
 enum { SYSTEM, RULE, Q0, V0, P0, H, STEPS_OF, DURATION, T0, CONTROLS, PARAMS, SAVE_EVERY, AT, UNTIL, EVENTS, TIME_SCALE, TOL, SCALE,
        ITERATION_TOL, PROGRESS, BACKEND, CHECKPOINT, ON_FAILURE, ARGUMENTS };
-static const int unasked[] = {P0, H, STEPS_OF, CONTROLS, PARAMS, AT, UNTIL, EVENTS, TIME_SCALE, SCALE, ITERATION_TOL, CHECKPOINT};
+static const int unasked[] = {P0, H, STEPS_OF, CONTROLS, PARAMS, AT, TIME_SCALE, SCALE, ITERATION_TOL, CHECKPOINT};
 
 /* Fields of Repeated in varint/integration/repeated.py */
-enum { LAST, STATE, LAST_RULE, BY_DEFAULT, LAST_ROOM, POOL, THERE, HIGH, KERNEL, HOW, IN_PLACES, PARAMETERS, RATES, REPEATED };
+enum { LAST, STATE, LAST_RULE, BY_DEFAULT, LAST_ROOM, POOL, THERE, HIGH, KERNEL, HOW, IN_PLACES, PARAMETERS, RATES, LAST_BESIDE, WATCHED, REPEATED };
+enum { EXPRESSION, NODE }; /* of what was watched for */
 typedef struct { double t0, duration, tol, default_tol, radians, first; } Last;
 
 /* Whether a number is this one, to its sign where it is zero; it is one of Python's own. */
@@ -37,6 +38,32 @@ static int are_numbers(PyObject *x, const double *wanted, Py_ssize_t n) {
     return same;
 }
 
+/* Whether an expression is the one that was watched for, which may have been changed in place. */
+static int is_watched(PyObject *x, PyObject *watched) {
+    if (x != ITEM(watched, EXPRESSION)) return 0;
+    PyObject *const node = PyObject_CallMethodNoArgs(x, names[ELEMENT_HASH_NAME]);
+    const int same = node && PyObject_RichCompareBool(node, ITEM(watched, NODE), Py_EQ) == 1;
+    Py_XDECREF(node);
+    PyErr_Clear(); /* said elsewhere */
+    return same;
+}
+
+/* Whether the same is watched for, by the same names. */
+static int are_watched(PyObject *until, PyObject *events, PyObject *ready) {
+    PyObject *const watched = ITEM(ready, WATCHED), *key, *x;
+    const Py_ssize_t ends = until != Py_None, count = PyTuple_GET_SIZE(watched);
+    if (ends ? !count || !is_watched(until, ITEM(watched, 0)) : count && ITEM(ITEM(ready, LAST_BESIDE), STOPS) == Py_True) return 0;
+    if (events == Py_None) return count == ends;
+    if (!PyDict_CheckExact(events) || !count || PyDict_GET_SIZE(events) != count - ends) return 0;
+    Py_ssize_t at = 0, i = ends;
+    while (PyDict_Next(events, &at, &key, &x)) {
+        const int named = PyObject_RichCompareBool(key, ITEM(ITEM(ITEM(ready, LAST_BESIDE), EXPRESSIONS), i), Py_EQ);
+        if (named < 0) PyErr_Clear();
+        if (named != 1 || !is_watched(x, ITEM(watched, i++))) return 0;
+    }
+    return 1;
+}
+
 /* Whether nothing is asked for but what was asked for last. */
 static int is_asked_again(PyObject *const *given, PyObject *ready, const Last *last) {
     for (size_t i = 0; i < sizeof unasked / sizeof *unasked; i++)
@@ -50,7 +77,7 @@ static int is_asked_again(PyObject *const *given, PyObject *ready, const Last *l
     if (given[TOL] == Py_None ? last->tol != last->default_tol : !PyFloat_CheckExact(given[TOL]) || PyFloat_AS_DOUBLE(given[TOL]) != last->tol)
         return 0;
     return is_number(given[DURATION], last->duration) && is_number(given[T0], last->t0) && are_numbers(given[Q0], state, n) &&
-           are_numbers(given[V0], state + n, n);
+           are_numbers(given[V0], state + n, n) && are_watched(given[UNTIL], given[EVENTS], ready);
 }
 
 /* Whether the start is in its room, which nobody uses, and the loop the one that runs now. */
@@ -79,7 +106,7 @@ static PyObject *repeated(PyObject *self, PyObject *const *given, Py_ssize_t cou
         const Py_ssize_t free = PyList_GET_SIZE(pool) - 1;
         if (now && !PyList_SetSlice(pool, free, free + 1, 0)) { /* as long as it runs the room is nobody else's */
             const Wanted wanted = {how, ITEM(ready, IN_PLACES), given[SYSTEM], ITEM(ready, PARAMETERS), PyList_GET_ITEM(ITEM(ready, RATES), 0),
-                                   0, 0, 0, last.t0, last.duration, last.radians, last.tol, PyFloat_AsDouble(now), (int64_t)last.first};
+                                   ITEM(ready, LAST_BESIDE) == Py_None ? 0 : ITEM(ready, LAST_BESIDE), 0, 0, last.t0, last.duration, last.radians, last.tol, PyFloat_AsDouble(now), (int64_t)last.first};
             found = proved(&wanted);
             if (PyList_Append(pool, ITEM(ready, LAST_ROOM))) Py_CLEAR(found);
         }
