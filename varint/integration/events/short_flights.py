@@ -5,6 +5,7 @@ call of the loop in C, without the blocks of the long ones.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -85,7 +86,9 @@ def motion_of_flight(
     began: float,
     more: Mapping[str, Any] = NOTHING,
 ) -> Trajectory:
-    """The motion of a whole run, with what is told besides."""
+    """The motion of a whole run, with what is told besides; its impacts become records, and what is
+    told of it a mapping, when they are looked at.
+    """
     kernel, found, stretches = run
     rule, motion = chosen.rule, object.__new__(Trajectory)
     active_sets: dict[ActiveSet, int] = {}
@@ -95,7 +98,6 @@ def motion_of_flight(
         if part.row < end:  # what touches at the start may change at once what holds
             active_set[part.row : end] = active_sets.setdefault(part.active_set, len(active_sets))
     told = {"seconds": perf_counter() - began, **more}
-    work = found.iterations, found.residual
     # in half the time of its constructor, which short runs notice
     object.__setattr__(
         motion,
@@ -113,9 +115,25 @@ def motion_of_flight(
             "functions": steps_again(rule, in_gear),
             "active_sets": tuple(active_sets),
             "active_set": active_set,
-            "events": in_order([*events_of(found.hits, system.structure.n)], problem.h),
             "origin": problem.t0,
-            "stats": stats_of(chosen, kernel, problem.steps, work, told),
+            "_make": partial(_made, chosen, kernel, problem, found, told),
         },
     )
     return motion
+
+
+def _made(
+    chosen: Plan,
+    kernel: Kernel,
+    problem: InitialValueProblem,
+    found: Flight,
+    told: Mapping[str, Any],
+    name: str,
+) -> Any:
+    """The field of this name."""
+    if name == "events":
+        return in_order([*events_of(found.hits, len(problem.q0))], problem.h)
+    if name == "stats":
+        work = found.iterations, found.residual
+        return stats_of(chosen, kernel, problem.steps, work, dict(told))
+    return None
