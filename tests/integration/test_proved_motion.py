@@ -14,8 +14,9 @@ import pytest
 import varint as vi
 import varint.integration.asked_times as asked_times
 import varint.integration.even_motion as even
+from varint.codegen.beside import Beside
 from varint.codegen.built import built_module
-from varint.codegen.two_runs import NO_RATES, Beside
+from varint.codegen.two_runs import NO_RATES
 from varint.integration.short_scenes import known_of
 
 FIELDS = "t", "q", "p", "h", "k", "u", "c", "active_sets", "events", "fictitious", "origin"

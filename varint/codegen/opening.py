@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.arguments import c_number, c_source
+from varint.codegen.beside import opening_for
 from varint.codegen.kernel import address_of
-from varint.codegen.two_runs import opening_for
 from varint.discrete.scales import opening_function
 from varint.numerics.arrays import over_columns, trigger_on
 from varint.scene.system import System

@@ -5,11 +5,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from ctypes import c_void_p, cast
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import DONE
+from varint.codegen.beside import NOTHING_BESIDE, Beside
 from varint.codegen.core import look_ahead_entry, two_runs_entries
 from varint.codegen.few_steps import TOLD, Place, entries_of
 from varint.codegen.kernel import Kernel, address_of, new_address
@@ -17,18 +18,12 @@ from varint.codegen.look_ahead import Look
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-if TYPE_CHECKING:
-    from varint.codegen.sought import Sought
-
 _FOUND = struct.Struct("qq3dPqqd")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix and the room for nodes, and to what is
 # asked; the place of the start stands behind the first
 _COURSE, _MASS, _ASKED = struct.Struct("9P11q"), struct.Struct("PqPq"), struct.Struct("q4dP")
-_OPENING = struct.Struct("2Pq")
-NO_OPENING = _OPENING.pack(0, 0, 0)
 _RATES = struct.Struct("4P2q3d")  # Rates
 MOST_RATES = 2
-_SEARCH = struct.Struct("4P3q2P")  # Search
 _TAKEN = struct.Struct("2P3q")  # Taken
 ROOM = 2048  # numbers of nodes that lie where they are copied from, for what two calls take
 _ARRAY, _FLOAT = np.ndarray, np.dtype(float)
@@ -179,69 +174,6 @@ def _rates(packed: bytes, *held: Any) -> Rates:
 
 UNASKED = _rates(bytes(_RATES.size))  # nobody has needed them
 NO_RATES = Rates(0, ())
-
-
-def opening_for(open_at: int, told: np.ndarray) -> bytes:
-    """What the core is told of a loop that must be told more at a fresh start: the address of a
-    function of steps h, and where it writes that.
-    """
-    return _OPENING.pack(open_at, address_of(told), told.size)
-
-
-UNSEARCHED = _SEARCH.pack(*[0] * 9)
-
-
-class Beside(NamedTuple):
-    """What is asked beside the runs that prove an error, of one start. The fields are those of
-    c/direct.c.
-
-    Attributes
-    ----------
-    opening : bytes
-        Of a loop that must be told more at a fresh start, see `opening_for`.
-    search : bytes
-        What is looked for along the run.
-    stops : bool
-        Whether that ends with the first zero of the first expression.
-    names : tuple of str
-        Of the expressions.
-    zeros : array, optional
-        Where zeros lie that were found.
-    held : tuple
-        What lies behind that.
-    """
-
-    opening: bytes
-    search: bytes = UNSEARCHED
-    stops: bool = False
-    names: tuple[str, ...] = ()
-    zeros: np.ndarray | None = None
-    held: tuple = ()
-
-
-NOTHING_BESIDE = Beside(NO_OPENING)
-
-
-def searched_beside(
-    opening: bytes,
-    what: Sought,
-    speed: np.ndarray,
-    velocities: RowFunction | None,
-    longest: int,
-    typical: tuple[int, int],
-    stops: bool,
-    names: tuple[str, ...],
-) -> Beside:
-    """A search along runs from a start with this velocity, of so many steps at most.
-
-    `velocities` is (q, p, t) → v for loops that look for none, `typical` how others are told
-    typical sizes.
-    """
-    zeros = np.empty((what.room, what.width))
-    places = what.at, address_of(speed), velocities.at if velocities else 0, new_address(zeros)
-    numbers = what.room, longest, FIXED_POINT_ITERATIONS
-    search = _SEARCH.pack(*places, *numbers, *typical)
-    return Beside(opening, search, stops, names, zeros, (what, speed, velocities))
 
 
 # steps of a run, runs that were made, its estimated error, iterations, residual; coordinates and

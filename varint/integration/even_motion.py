@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from varint.codegen.beside import NOTHING_BESIDE, Beside
 from varint.codegen.built import built_module
 from varint.codegen.cache import CompileError
 from varint.codegen.times import states_at_times
 from varint.codegen.two_runs import (
     GRADED,
     GRADED_DOUBTED,
-    NOTHING_BESIDE,
-    Beside,
     Course,
     Places,
     Rates,

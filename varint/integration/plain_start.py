@@ -26,9 +26,9 @@ from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
 
 if TYPE_CHECKING:
+    from varint.codegen.beside import Beside
     from varint.codegen.opening import Opening
     from varint.codegen.sought import Sought
-    from varint.codegen.two_runs import Beside
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
 FLOAT = np.dtype(float)

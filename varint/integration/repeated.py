@@ -10,9 +10,10 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.codegen.beside import Beside
 from varint.codegen.built import built_module
 from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import Beside, Places, Rates
+from varint.codegen.two_runs import Places, Rates
 from varint.integration.even_motion import Made
 from varint.integration.plain_start import Room, Watched
 from varint.integration.tolerance import DEFAULT_TOL

@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from varint.codegen.beside import NO_OPENING, Beside
 from varint.codegen.kernel import Kernel
 from varint.codegen.two_runs import (
-    NO_OPENING,
     NO_RATES,
     NOT_PROVED,
     UNASKED,
     VARIES,
-    Beside,
     Rates,
     runs_made,
 )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from varint.codegen.beside import Beside, searched_beside
 from varint.codegen.few_steps import UNTOLD
 from varint.codegen.kernel import Kernel
 from varint.codegen.rows import RowFunction, row_function_or_none
-from varint.codegen.two_runs import Beside, searched_beside
 from varint.discrete.legendre import velocity_function
 from varint.integration.events.short_search import key_of, search_for
 from varint.integration.plain_start import Room, Watched, opening_in, velocities_in

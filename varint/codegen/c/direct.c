@@ -28,8 +28,8 @@ typedef struct {
 enum Status { GRADED_DOUBTED = -2, GRADED, PROVED, DOUBTED = 3 }; /* graded: steps differ (refined.h) */
 #define LONGEST_COURSE 512 /* bytes */
 
-/* Fields of Made in varint/integration/even_motion.py, of Places and Beside in varint/codegen/two_runs.py, and of Between in
-   varint/codegen/times.py */
+/* Fields of Made in varint/integration/even_motion.py, of Places in varint/codegen/two_runs.py, of Beside in
+   varint/codegen/beside.py, and of Between in varint/codegen/times.py */
 enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
 enum { OPENING, SEARCH, STOPS, EXPRESSIONS, ZEROS, HELD_BESIDE, BESIDE };
