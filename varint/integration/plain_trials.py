@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from varint.discrete.composed import steps_by_gauss
+from varint.integration.attempts import SAMPLES, Attempt, attempt_by_energies
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.energy_check import energies_along, energies_by_velocity
 from varint.integration.energy_quantiles import QUANTILES
@@ -27,18 +28,7 @@ from varint.integration.rule_choice import iteration_level, steps_for
 from varint.integration.run import motion_at_once
 from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.trajectories import Run, with_stats
-from varint.integration.two_runs import (
-    FLOOR,
-    SAME_STEP,
-    SAMPLES,
-    SLOW,
-    WATCHED,
-    Attempt,
-    Course,
-    Proved,
-    attempt_by_energies,
-    run_twice,
-)
+from varint.integration.two_runs import FLOOR, SAME_STEP, SLOW, WATCHED, Course, Proved, run_twice
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System

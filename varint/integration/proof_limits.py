@@ -9,6 +9,7 @@ import numpy as np
 import varint.integration.round_off as limited
 import varint.integration.shown_order as shown
 import varint.integration.two_runs as decided
+from varint.integration.attempts import SAMPLES
 from varint.integration.compiled_loop import POOR
 from varint.integration.energy_quantiles import QUANTILES
 from varint.integration.problem import LEVEL
@@ -40,7 +41,7 @@ def proof_limits(
     what is wanted; in how many ways the last digits of their start may be others; how many
     differences show an error.
     """
-    own = {"ATTEMPTS": attempts, "WATCHED": watched, "WAYS": ways}
+    own = {"SAMPLES": SAMPLES, "ATTEMPTS": attempts, "WATCHED": watched, "WAYS": ways}
     known = vars(limited) | vars(decided) | own
     others = POOR, SECULAR, LEVEL, closer, foreseen, hopeless, pairs, decided.BY_CHANCE, *_SHOWN
     return np.array([*(float(known[x]) for x in _NAMES), *others, *QUANTILES])

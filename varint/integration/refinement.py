@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import InputError
+from varint.integration.attempts import energy_errors
 from varint.integration.backend import runs_by_stages
 from varint.integration.bent_steps import CLOSE, made_by_bends
 from varint.integration.choice import Choice
@@ -54,7 +55,6 @@ from varint.integration.two_runs import (
     MIDDLE,
     STALLED,
     STILL,
-    energy_errors,
     shows_its_error,
 )
 from varint.integration.walls import Failure, no_way_on, require_way_on

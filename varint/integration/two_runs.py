@@ -14,14 +14,8 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from varint.integration.energy_check import (
-    energies_along,
-    energies_by_velocity,
-    keeps_energy,
-)
-from varint.integration.energy_quantiles import quantiles
+from varint.integration.attempts import Attempt
+from varint.integration.energy_check import keeps_energy
 from varint.integration.round_off import (
     CHANCE,
     GROWS,
@@ -35,7 +29,6 @@ from varint.integration.round_off import (
 )
 from varint.integration.rule_choice import iteration_level
 from varint.integration.shown_order import left_by_order
-from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -55,10 +48,8 @@ MIDDLE = 2  # the index of one of them that a few rough nodes do not touch
 # reached; the finer run is then taken for hardly the better one
 NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
 HOPELESS = 10.0  # times tol, that round-off makes: far out of reach, whatever the steps
-LAST_DIGIT = 2.0**-52  # of the energy: where p·v is as small as that, as in a moment from rest
 STILL = 1e-13  # of the energy: an error that is hardly more than round-off, mostly
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
-SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
 LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 # parts of a shorter coarse run, the first of which is looked at before the others are run; steps of
@@ -84,17 +75,6 @@ SEEN_PARTS = 64  # that two runs share: of what is uneven its root is looked pas
 SAME_ROUNDING, SAME_CHANCE = 2e-16, 10.0
 SAME_STEP = 2e-15  # of a motion in a step of such a map: the floor of what runs resolve
 LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
-
-
-class Attempt(NamedTuple):
-    """A run, its `energy_errors`, and what these cannot tell, for it is the energy's last digit;
-    the last digit of its liveliest moment, in the same unit.
-    """
-
-    run: Any
-    swing: list[float]
-    hidden: float = 0.0
-    digit: float = 0.0
 
 
 Trial = Callable[[int, float, int], Attempt | None]  # (steps, wanted error, part of the run)
@@ -282,30 +262,6 @@ def by_round_off(course: Course, found: Proved, wanted: float, tol: float) -> tu
         return course.apart(found.run, found.steps, other.run, found.steps)[0]
 
     return parted(apart, found.estimate, tol)
-
-
-def energy_errors(motion: Trajectory, v: np.ndarray | None = None) -> list[float]:
-    """Quantiles of |H − H0| over the middle one of |p·v|, the largest last; infinite where the
-    motion is lost. Velocities may be known.
-
-    The largest alone is where a node happens to lie nearest to where it is largest.
-    """
-    some = slice(None, None, max(1, len(motion) // SAMPLES))
-    if motion.active_set is None and v is not None:
-        rows = np.stack((motion.q[some], motion.p[some], v[some]), axis=1)
-        return quantiles(*energies_by_velocity(motion.system, rows, motion.t[:1], motion.c))
-    if motion.active_set is None:
-        at = motion.q[some], motion.p[some], motion.t[:1]
-        return quantiles(*energies_along(motion.system, *at, motion.c))
-    few = motion[some]
-    return quantiles(few.energy, np.abs((few.p * few.v).sum(axis=1)))
-
-
-def attempt_by_energies(run: Any, energy: np.ndarray, moving: np.ndarray) -> Attempt:
-    """A run whose energies and |p·v| at nodes are these; they are overwritten."""
-    whole, swing = LAST_DIGIT * abs(energy.item(0)), quantiles(energy, moving)
-    size = moving.item(len(moving) // 2)
-    return Attempt(run, swing, whole / size if size > 0 else 0.0)
 
 
 def _expected(course: Course, tried: Attempt | None) -> float:

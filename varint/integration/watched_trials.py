@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from varint.integration.attempts import Attempt, energy_errors
 from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.held_rows import is_held
 from varint.integration.rule_choice import steps_for
 from varint.integration.run_distance import beyond_shared, ends_apart, shared_nodes, with_early
 from varint.integration.trajectories import Run, with_velocities
-from varint.integration.two_runs import FLOOR, Attempt, Course, energy_errors, run_twice
+from varint.integration.two_runs import FLOOR, Course, run_twice
 from varint.results.records import changed
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule

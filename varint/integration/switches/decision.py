@@ -232,7 +232,7 @@ def _fits(
             other = ahead_at(system, state, c, branch._replace(values=tuple(values)))
             # at the end of what it can hold
             push = 0.0 if other is None else abs(float(other[1][j]))
-            rests = push > 0 and abs(first) <= ROUNDED * push
+            rests = bool(push > 0 and abs(first) <= ROUNDED * push)
             if abs(first) <= BETWEEN * push:
                 first = 0.0
         for order in range(2, DERIVATIVES + 1):

@@ -7,12 +7,12 @@ import numpy as np
 from varint.codegen.cache import CompileError
 from varint.codegen.nearness import Nearness, nearness_of
 from varint.codegen.rows import as_data
+from varint.integration.attempts import SAMPLES
 from varint.integration.energy_quantiles import QUANTILES
 from varint.integration.error_scale import angles, bodies
 from varint.integration.round_off import ROUNDED
 from varint.integration.time_transformation.plain_course import level_rows, velocity_rows
 from varint.integration.time_transformation.variable_course import MOST_COMPARED
-from varint.integration.two_runs import SAMPLES
 from varint.integration.work_bound import keeps_energy
 from varint.scene.memory import per_scene
 from varint.scene.system import System

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import ConvergenceError, VarintError
+from varint.integration.attempts import LAST_DIGIT, SAMPLES, Attempt
 from varint.integration.choice import Choice
 from varint.integration.energy_quantiles import quantiles
 from varint.integration.error_scale import error_scales, scales_of_nodes
@@ -46,17 +47,7 @@ from varint.integration.time_transformation.transformed_run import (
     prepare,
     with_other_digits_at_start,
 )
-from varint.integration.two_runs import (
-    FLOOR,
-    LAST_DIGIT,
-    SAMPLES,
-    UNRESCUED,
-    Apart,
-    Attempt,
-    Course,
-    Trial,
-    run_twice,
-)
+from varint.integration.two_runs import FLOOR, UNRESCUED, Apart, Course, Trial, run_twice
 from varint.integration.walls import Failure, require_way_on
 from varint.integration.work_bound import keeps_energy
 from varint.numerics.arrays import call

@@ -19,6 +19,7 @@ from varint.codegen.two_runs import NOT_SHORT
 from varint.codegen.until import physical_times
 from varint.codegen.varying_runs import Course as VaryingCourse
 from varint.codegen.varying_runs import varying_course, varying_runs
+from varint.integration.attempts import Attempt
 from varint.integration.gears import kernel_after
 from varint.integration.plain_start import begin_at
 from varint.integration.proof_limits import proof_limits
@@ -56,7 +57,6 @@ from varint.integration.two_runs import (
     CHANCE,
     FLOOR,
     HOPELESS,
-    Attempt,
     Course,
     Proved,
     by_round_off,
