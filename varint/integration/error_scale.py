@@ -61,10 +61,8 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
                 f"got {given!r}"
             )
         return np.broadcast_to(scales.ravel(), (n,)).copy()
-    v = np.zeros(n)
-    if not system.structure.quadratic_kinetic:
-        v = np.nan_to_num(motion[:1].v[0])
-    return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c)
+    v, still = _first_velocity(system, motion), _still(system, motion)
+    return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c, still)
 
 
 def careful_scales(system: System, motion: Trajectory, given: Any = None) -> np.ndarray:
@@ -73,7 +71,10 @@ def careful_scales(system: System, motion: Trajectory, given: Any = None) -> np.
     range.
     """
     scales = error_scales(system, motion, given)
-    return scales if given is not None else below_largest(scales, motion.q)
+    if given is not None:
+        return scales
+    q, still = motion.q, _still(system, motion)
+    return below_largest(scales, np.where(np.abs(q) > still, q, 0.0) if still.any() else q)
 
 
 def below_largest(scales: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -83,14 +84,22 @@ def below_largest(scales: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def scales_of_nodes(
-    system: System, q: np.ndarray, v: np.ndarray, t: np.ndarray, c: np.ndarray
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    t: np.ndarray,
+    c: np.ndarray,
+    still: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """`error_scales` of the nodes q (N, n), where the motion begins at t (1,) with v (n,)."""
+    """`error_scales` of the nodes q (N, n), where the motion begins at t (1,) with v (n,), and
+    ranges up to `still` are round-off.
+    """
     each = np.ascontiguousarray(q.T)  # ten times as fast as along the columns
     high, low = each.max(axis=1).tolist(), each.min(axis=1).tolist()
+    stays = np.broadcast_to(still, len(high)).tolist()
     ranges = [
-        top - bottom if not top - bottom <= RESTS * max(abs(top), abs(bottom)) else 0.0
-        for top, bottom in zip(high, low, strict=True)
+        top - bottom if not top - bottom <= max(RESTS * max(abs(top), abs(bottom)), least) else 0.0
+        for top, bottom, least in zip(high, low, stays, strict=True)
     ]
     sizes = list(ranges)
     for members in [*bodies(system.names), *system.rays]:
@@ -108,6 +117,35 @@ def scales_of_nodes(
         least = HARDLY * math.sqrt(moved / x)
         sizes[i] = max(sizes[i], least) or max(abs(float(q[0, i])), 1.0)
     return np.array(sizes)
+
+
+def _first_velocity(system: System, motion: Trajectory) -> np.ndarray:
+    """v (n,) at the start, where a mass may depend on it."""
+    if system.structure.quadratic_kinetic:
+        return np.zeros(system.structure.n)
+    return np.nan_to_num(motion[:1].v[0])
+
+
+def _still(system: System, motion: Trajectory) -> np.ndarray:
+    """Ranges (n,) of what rests where constraints or contacts hold it, which may be at zero: by the
+    last digits of how far forces at the start would move it in a step, were it free.
+    """
+    if not (system.structure.contacts or system.structure.constraints):
+        return np.zeros(system.structure.n)
+    v = _first_velocity(system, motion)
+    u = motion.u[0, 0] if len(motion.u) else np.zeros(system.structure.controls)
+    mass, force = call(_pull_function(system), motion.q[0], v, u, motion.t[:1], motion.c)
+    free = np.isfinite(force) & (mass > 0)
+    fall = np.divide(np.abs(force), mass, out=np.zeros(len(mass)), where=free)
+    return RESTS * motion.h**2 * fall
+
+
+@per_scene
+def _pull_function(system: System) -> ca.Function:
+    """(q, v, u, t, c) → diagonal of M, ∂L/∂q + F."""
+    s = system
+    values = [ca.densify(x) for x in (ca.diag(s.mass_matrix), s.generalised_force)]
+    return ca.Function("pull", [s.q, s.v, s.control, s.t, s.c], values, {"cse": True})
 
 
 @per_scene
