@@ -221,3 +221,36 @@ def test_functions_of_pythons_own_are_named_where_they_lost_the_symbol(where):
         vi.InputError, match=f"the {where} holds what is no number: math.cos.* ca.cos"
     ):
         vi.simulate(scene, q0=1.0, v0=0.0, duration=1.0)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        dict(duration="1"),
+        dict(duration=np.str_("1")),
+        dict(duration=b"1"),
+        dict(h=".1", steps=3),
+        dict(duration=1, t0="0"),
+        dict(duration=1, q0=["1", "0"]),
+        dict(at=["0.5"]),
+    ],
+)
+def test_words_are_no_numbers_even_where_they_are_digits(given):
+    with pytest.raises(vi.InputError, match=r"must be.*got .*'"):
+        vi.simulate(FREE, **(START | given))
+
+
+@pytest.mark.parametrize("what", ["q0", "v0", "duration", "t0", "tol", "at"])
+@pytest.mark.parametrize("digits", [400, 5000])  # more than Python writes
+def test_messages_do_not_repeat_what_is_far_too_long(what, digits):
+    body = vi.System(Q[0], V[0], V[0] ** 2 / 2)
+    given = dict(q0=1.0, v0=0.0) | ({} if what == "at" else dict(duration=1.0))
+    with pytest.raises(vi.InputError, match=r" must be .* got ") as refused:
+        vi.simulate(body, **(given | {what: 10**digits}))
+    assert len(str(refused.value)) < 200
+
+
+@pytest.mark.parametrize("constant", [1.0, T := vi.time(), ca.vertcat(Q[0], 0.0)])
+def test_a_constraint_that_no_coordinate_changes_is_refused(constant):
+    with pytest.raises(vi.InputError, match=r"row \d of the constraint is .* no coordinate"):
+        vi.System(Q, V, ca.sumsqr(V) / 2, constraint=constant, t=T)

@@ -19,7 +19,7 @@ from varint.integration.fixed_steps import over_switches_after, simulate_steps
 from varint.integration.problem import LEVEL, RunOptions, Start
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.inputs import times_of
+from varint.scene.inputs import shown, times_of
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, require_system
 
@@ -343,7 +343,7 @@ def _tolerances(
     """tol and iteration_tol; tol beside h or steps is the old name of the latter."""
     for name, x in (("tol", tol), ("iteration_tol", iteration_tol)):
         if x is not None and not _small(x):
-            raise InputError(f"{name} must be a relative error between 0 and 1, got {x!r}")
+            raise InputError(f"{name} must be a relative error between 0 and 1, got {shown(x)}")
     if not stepped and iteration_tol is not None:
         raise InputError(
             "iteration_tol goes with h or steps; where tol chooses the steps it chooses where "

@@ -13,23 +13,45 @@ from varint.numerics.arrays import finite
 FLOAT = np.dtype(float)
 
 
+LONGEST = 80  # characters of a value that a message shows
+
+
+def shown(x: Any) -> str:
+    """x as a message shows it: the middle of what is long is left out."""
+    try:
+        text = repr(x)
+    except ValueError:  # a whole number of thousands of digits, which Python does not write
+        return f"what cannot be written, of type {type(x).__name__}"
+    half = LONGEST // 2
+    return text if len(text) <= LONGEST else f"{text[:half]}...{text[-half:]}"
+
+
 def finite_array(what: str, value: Any) -> np.ndarray:
-    """value as an array of finite numbers."""
+    """value as an array of finite numbers; words are none, even of digits."""
     array = parsed_or_refused(
-        lambda: np.array(value, dtype=float),
-        lambda: f"{what} must be a number or an array of numbers, got {value!r}",
+        lambda: _array_of_numbers(value),
+        lambda: f"{what} must be a number or an array of numbers, got {shown(value)}",
     )
     if not np.isfinite(array).all():
-        raise InputError(f"{what} is not finite: {value!r}")
+        raise InputError(f"{what} is not finite: {shown(value)}")
     return array
 
 
+def _array_of_numbers(value: Any) -> np.ndarray:
+    """value as an own array; a TypeError where it holds words."""
+    array = np.array(value)
+    if array.dtype.kind in "SU":
+        raise TypeError
+    return array.astype(float)
+
+
 def number(what: str, x: Any) -> float:
-    """x as a finite number."""
+    """x as a finite number; words are none, even of digits."""
+    complaint = f"{what} must be a number, got "
+    if isinstance(x, (str, bytes, bytearray)):
+        raise InputError(complaint + shown(x))
     value = (
-        x
-        if type(x) is float
-        else parsed_or_refused(lambda: float(x), lambda: f"{what} must be a number, got {x!r}")
+        x if type(x) is float else parsed_or_refused(lambda: float(x), lambda: complaint + shown(x))
     )
     if not math.isfinite(value):
         raise InputError(f"{what} must be finite, got {x!r}")
@@ -63,12 +85,10 @@ def guesses_of(starts: Any) -> list[Any]:
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
     """x as n finite numbers."""
-    try:
-        value = np.array(x, dtype=float)
-    except (TypeError, ValueError, RuntimeError, OverflowError):
-        raise InputError(
-            f"{what} must be {n} numbers, one for each of {list(names)}, got {x!r}"
-        ) from None
+    value = parsed_or_refused(
+        lambda: _array_of_numbers(x),
+        lambda: f"{what} must be {n} numbers, one for each of {list(names)}, got {shown(x)}",
+    )
     if value.ndim == 0 and n == 1:
         value = value.reshape(1)
     if value.shape != (n,):
@@ -87,8 +107,8 @@ def times_of(t: Any) -> np.ndarray:
     if type(t) is np.ndarray and t.dtype is FLOAT and t.ndim == 1 and t.size:
         return t
     times = parsed_or_refused(
-        lambda: np.atleast_1d(np.asarray(t, dtype=float)),
-        lambda: f"a time or several (k,) must be given, got {t!r}",
+        lambda: np.atleast_1d(_array_of_numbers(t)),
+        lambda: f"a time or several (k,) must be given, got {shown(t)}",
     )
     if times.ndim > 1 or not times.size:
         raise InputError(

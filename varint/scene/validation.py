@@ -98,6 +98,12 @@ def check_symbols(
             raise InputError(
                 f"{what} may not depend on {wrong}; it is a function of {_MAY_DEPEND[what]}"
             )
+    for i, row in enumerate(ca.vertsplit(parts["the constraint"])):
+        if not ca.depends_on(row, q):
+            raise InputError(
+                f"row {i} of the constraint is {row}, which no coordinate changes; give an "
+                "expression of q that the motion keeps at zero"
+            )
     if not ca.depends_on(parts["the Lagrangian"], v):
         raise InputError(
             "the Lagrangian has no velocities: it must depend on "
