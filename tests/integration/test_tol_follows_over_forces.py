@@ -142,3 +142,26 @@ def test_polar_coordinates_follow_the_speed_that_is_left():
     assert motion.fictitious is not None and len(motion) < 300
     assert abs(motion.q[-1, 0] - np.hypot(x, y)) < 1e-7
     assert abs(np.exp(1j * motion.q[-1, 1]) - (x + 1j * y) / np.hypot(x, y)) < 1e-7
+
+
+def test_a_spiral_that_turns_ever_faster_is_looked_at_in_few_pieces(monkeypatch):
+    """The clock falls behind its mean rate all along: pieces of a run were ever shorter, and the
+    whole of it was looked at after each. Of 200,000 steps that took 26 s, and takes half a second.
+    """
+    from varint.integration.time_transformation import physical_end
+
+    look, looks = physical_end.trajectory_of, []
+
+    def counted(run, nodes):
+        looks.append(run)
+        assert len(looks) < 500
+        return look(run, nodes)
+
+    monkeypatch.setattr(physical_end, "trajectory_of", counted)
+    q, v = vi.coordinates("x", "y")
+    r, speed = ca.sqrt(ca.sumsqr(q)), ca.sqrt(ca.sumsqr(v))
+    spiral = vi.System(q, v, speed**2 / 2 + 1 / r, force=-0.05 * v * speed)
+    start = dict(q0=[1.0, 0.0], v0=[0.0, 1.0], duration=19.9)
+    motion, other = (vi.simulate(spiral, **start, tol=tol) for tol in (1e-9, 1e-10))
+    assert motion.stats["error_estimate"] <= 1e-9
+    assert motion.q[-1] == pytest.approx(other.q[-1], abs=2e-10)

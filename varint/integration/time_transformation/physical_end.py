@@ -28,6 +28,7 @@ PATIENCE = 8  # times the steps that the pace of the start would take
 CAREFUL = 0.95  # of the steps that this rate asks for, so that the end is not passed unseen
 # more steps than that rate asks for where all are seen: they are cheaper than another look
 MARGIN = 1.02
+SHARE = 8  # of the steps so far, that come next where it takes more than these
 REACHED = 1e-9  # of the duration: its end is located
 # steps after which a chunk of them that passes less than a part of what is left of the duration is
 # the last one: the motion comes to where it has no end of turns, and no run leads farther
@@ -60,8 +61,11 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
     own = moving_system(run)
     expected, done, passed, at = problem.steps, 0, 0.0, None
     ahead: float = expected
+    patience = PATIENCE * (expected + FIRST_CHUNK)
     while True:
         count, each = next_steps(ahead, done, every), every
+        if done > patience:  # a rate that falls behind its mean would ask for ever fewer
+            count = max(count, done // SHARE)
         if ahead <= FIRST_CHUNK:
             each = 1
         elif done % every == 0 and count >= every:
@@ -86,7 +90,7 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
         if clock / problem.h <= 0 or abs(clock) >= abs(total):
             return
         # does the clock stand still where σ vanishes?
-        if done > PATIENCE * (expected + FIRST_CHUNK):
+        if done > patience:
             require_level(scene, run, trajectory_of(run, run.nodes))
         if done > MANY and abs(clock - passed) < HARDLY * abs(total - clock):
             so_far = trajectory_of(run, run.nodes)
