@@ -61,7 +61,11 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
                 f"got {given!r}"
             )
         return np.broadcast_to(scales.ravel(), (n,)).copy()
-    v, still = _first_velocity(system, motion), _still(system, motion)
+    return _own_scales(system, motion, _still(system, motion))
+
+
+def _own_scales(system: System, motion: Trajectory, still: np.ndarray) -> np.ndarray:
+    v = _first_velocity(system, motion)
     return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c, still)
 
 
@@ -70,11 +74,11 @@ def careful_scales(system: System, motion: Trajectory, given: Any = None) -> np.
     whose estimates are hardly larger than the errors. A swing to both sides of zero has twice the
     range.
     """
-    scales = error_scales(system, motion, given)
     if given is not None:
-        return scales
+        return error_scales(system, motion, given)
     q, still = motion.q, _still(system, motion)
-    return below_largest(scales, np.where(np.abs(q) > still, q, 0.0) if still.any() else q)
+    moves = np.where(np.abs(q) > still, q, 0.0) if still.any() else q
+    return below_largest(_own_scales(system, motion, still), moves)
 
 
 def below_largest(scales: np.ndarray, q: np.ndarray) -> np.ndarray:
