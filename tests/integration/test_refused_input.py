@@ -250,7 +250,7 @@ def test_messages_do_not_repeat_what_is_far_too_long(what, digits):
     assert len(str(refused.value)) < 200
 
 
-@pytest.mark.parametrize("constant", [1.0, T := vi.time(), ca.vertcat(Q[0], 0.0)])
+@pytest.mark.parametrize("constant", [1.0, T := vi.time(), ca.vertcat(Q[0], 2.0)])
 def test_a_constraint_that_no_coordinate_changes_is_refused(constant):
     with pytest.raises(vi.InputError, match=r"row \d of the constraint is .* no coordinate"):
         vi.System(Q, V, ca.sumsqr(V) / 2, constraint=constant, t=T)

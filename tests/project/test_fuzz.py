@@ -47,7 +47,9 @@ def systems(draw):
             *(unit * draw(expressions([*symbols, *ca.vertsplit(v)], 1)) for _ in range(n))
         )
     if n > 1 and draw(st.integers(0, 4)) == 0:
-        extras["constraint"] = draw(expressions(ca.vertsplit(q), 2))
+        extras["constraint"] = draw(
+            expressions(ca.vertsplit(q), 2).filter(lambda row: ca.depends_on(row, q))
+        )
     elif draw(st.integers(0, 6)) == 0:
         extras["contact"] = draw(expressions(ca.vertsplit(q), 1))
         extras["restitution"] = draw(st.floats(0, 1))

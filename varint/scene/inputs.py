@@ -38,9 +38,9 @@ def finite_array(what: str, value: Any) -> np.ndarray:
 
 
 def _array_of_numbers(value: Any) -> np.ndarray:
-    """value as an own array; a TypeError where it holds words."""
+    """value as an own array; a TypeError where it holds words or complex numbers."""
     array = np.array(value)
-    if array.dtype.kind in "SU":
+    if array.dtype.kind in "SUc":
         raise TypeError
     return array.astype(float)
 

@@ -99,7 +99,7 @@ def check_symbols(
                 f"{what} may not depend on {wrong}; it is a function of {_MAY_DEPEND[what]}"
             )
     for i, row in enumerate(ca.vertsplit(parts["the constraint"])):
-        if not ca.depends_on(row, q):
+        if not (ca.depends_on(row, q) or row.is_zero()):
             raise InputError(
                 f"row {i} of the constraint is {row}, which no coordinate changes; give an "
                 "expression of q that the motion keeps at zero"
