@@ -4,7 +4,9 @@ searches for all other runs.
 
 from __future__ import annotations
 
+import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import casadi as ca
 import numpy as np
@@ -289,3 +291,25 @@ def test_only_what_says_the_same_is_taken_for_known():
         deep = ca.sin(deep)
     assert is_written_so(deep, as_written(deep, 8))
     assert not is_written_so(deep, as_written(ca.sin(say(y)), 8))
+
+
+def test_threads_watch_for_expressions_of_their_own():
+    """What one of them asks for is kept while others look through what was asked for before."""
+    system = vi.System(q1, v1, v1**2 / 2 + 9.81 * ca.cos(q1))
+
+    def runs(level):
+        levels = level + np.arange(40) / 200
+        found = (
+            vi.simulate(system, q0=1.0, v0=0.0, duration=2.0, until=q1 - x, progress=False)
+            for x in levels.tolist()
+        )
+        return max(abs(motion.q[-1, 0] - x) for motion, x in zip(found, levels, strict=True))
+
+    often, interval = 1e-6, sys.getswitchinterval()
+    sys.setswitchinterval(often)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            off = [*pool.map(runs, [-0.5, -0.2, 0.1, 0.4])]
+    finally:
+        sys.setswitchinterval(interval)
+    assert max(off) < 1e-9

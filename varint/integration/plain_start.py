@@ -136,7 +136,12 @@ class Watched(NamedTuple):
 
     def expressions(self) -> tuple[Any, ...]:
         """As they were asked for."""
-        return (*(() if self.until is None else (self.until,)), *(self.events or {}).values())
+        return wanted_of(self.until, self.events)
+
+
+def wanted_of(until: Any, events: Any) -> tuple[Any, ...]:
+    """What ends a run, if something does, and the events."""
+    return (*(() if until is None else (until,)), *(events or {}).values())
 
 
 def is_plain_number(x: Any) -> bool:

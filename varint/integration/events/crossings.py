@@ -118,13 +118,14 @@ def crossing_search(system: System, watch: Watch) -> CrossingSearch:
     found = asked.get(key) or _written_alike(asked, watch.expression)
     if found is None:
         text = expression_as_data(system, watch.expression, WATCHED)
-        if text not in known:
+        functions = known.get(text)
+        if functions is None:
             if len(known) >= REMEMBERED:
                 known.clear()
-            known[text] = _search_functions(system, watch.expression)
+            functions = known[text] = _search_functions(system, watch.expression)
         if len(asked) >= REMEMBERED:
             asked.clear()
-        found = asked[key] = ca.SX(watch.expression), known[text]
+        found = asked[key] = ca.SX(watch.expression), functions
     return CrossingSearch(watch.name, watch.direction, *found[1])
 
 
@@ -134,7 +135,7 @@ def _written_alike(
     """What is known of the same small expression, written anew for this call, in a hundredth of the
     time that it takes to read it.
     """
-    for other in islice(reversed(asked.values()), LATELY):
+    for other in islice(reversed(asked.copy().values()), LATELY):  # threads may ask for more
         if ca.is_equal(expression, other[0], DEEP):
             return other
     return None

@@ -27,6 +27,7 @@ from varint.integration.events.crossings import (
 )
 from varint.integration.events.isolation import CrossingSearch
 from varint.integration.events.native_crossings import NUMBERS
+from varint.integration.plain_start import wanted_of
 from varint.integration.trajectories import in_order
 from varint.numerics.arrays import over_columns
 from varint.results.records import Event
@@ -57,7 +58,7 @@ def key_of(until: Any, events: Any) -> tuple | None:
     if events is not None and type(events) is not dict:
         return None
     key: list[Any] = [until is not None]
-    for wanted in _wanted(until, events):
+    for wanted in wanted_of(until, events):
         expression, direction = (
             wanted if type(wanted) is tuple and len(wanted) == 2 else (wanted, 0)
         )
@@ -84,16 +85,12 @@ def search_for(
     return search.sought
 
 
-def _wanted(until: Any, events: Any) -> tuple[Any, ...]:
-    return (*(() if until is None else (until,)), *(events or {}).values())
-
-
 def _written_alike(
     known: dict[tuple, Search], key: tuple, until: Any, events: Any
 ) -> Search | None:
     """A search for the same small expressions, which were written anew for this call."""
-    asked = [wanted[0] if type(wanted) is tuple else wanted for wanted in _wanted(until, events)]
-    for other, search in islice(reversed(known.items()), LATELY):
+    asked = [wanted[0] if type(wanted) is tuple else wanted for wanted in wanted_of(until, events)]
+    for other, search in islice(reversed(known.copy().items()), LATELY):  # threads may ask for more
         same = search.written and (other[0], *other[2::2]) == (key[0], *key[2::2])
         if same and all(map(is_written_so, asked, search.written)):
             return search
