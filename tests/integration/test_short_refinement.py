@@ -237,3 +237,35 @@ def test_energies_by_velocities_are_those_by_momenta():
     for a, b in zip(one, other, strict=True):
         assert np.abs(a - b).max() < 1e-14
     assert np.abs(one[0] - motion.energy).max() < 1e-14
+
+
+def driven_pendulum() -> tuple[vi.System, dict]:
+    """Close to chaos: what iterations leave is magnified, and parts runs more than steps do."""
+    (q, v), t = vi.coordinates("a"), vi.time()
+    force = 1.15 * ca.cos(2 * t / 3) - v / 2
+    return vi.System(q, v, v**2 / 2 + ca.cos(q), t=t, force=force), {"q0": 0.2, "v0": 0.0}
+
+
+@pytest.mark.parametrize("events", (False, True))
+def test_iterations_of_loose_tolerances_do_not_part_runs(events):
+    """What is wanted less exactly takes no more steps: 180 for 1e-3 where 90 did for 1e-6."""
+    scene, start = driven_pendulum()
+    watched = {"events": {"top": scene.q - 3.0}} if events else {}
+    steps = [
+        vi.simulate(scene, **start, duration=40.0, tol=tol, progress=False, **watched).stats[
+            "steps"
+        ]
+        for tol in (1e-3, 1e-4, 1e-6)
+    ]
+    assert steps[0] <= 45
+    assert steps == sorted(steps)
+
+
+def test_runs_that_were_doubled_are_followed_by_closer_ones():
+    """Half as many steps more prove it: 60, 90 in the place of 60, 120."""
+    scene, start = driven_pendulum()
+    asked = {**start, "duration": 40.0, "progress": False}
+    found = vi.simulate(scene, **asked, tol=1e-9)
+    assert (found.stats["steps"], found.stats["runs"]) == (90, 4)
+    exact = vi.simulate(scene, **asked, tol=1e-12)
+    assert np.abs(found.q[-1] - exact.q[-1]).max() <= 1e-9 * np.abs(exact.q).max()

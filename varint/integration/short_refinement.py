@@ -59,6 +59,8 @@ SHARED = 6  # nodes of two runs at least whose difference does
 # times as much may iterations leave in a run that no other one came before, which is no answer: the
 # difference to the next one may be some twenty times the wanted error
 COARSER = 30.0
+# what iterations are to serve at most: what they leave also parts runs, where motions part
+CLOSELY = 1e-4
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
@@ -98,7 +100,7 @@ def by_short_refinement(
         coarser: float = 1.0,
     ) -> PlainTrial | None:
         problem, most = first_steps_of(begin, rule, steps, count, tol), POOR
-        level = 0.0 if to_the_end else iteration_level(wanted, count)
+        level = 0.0 if to_the_end else iteration_level(min(wanted, CLOSELY), count)
         if level and coarser > 1.0:  # so much sooner it is over, or hardly contracts
             most = math.floor(POOR * math.log(level * coarser) / math.log(level))
         problem = problem._replace(level=level * coarser, most=most)
@@ -198,7 +200,7 @@ def by_short_refinement(
         each = (
             0.0
             if solved or to_the_end
-            else LEFT * iteration_level(wanted, steps) * math.sqrt(steps)
+            else LEFT * iteration_level(min(wanted, CLOSELY), steps) * math.sqrt(steps)
         )
         iterated = iterated_by(each, off, growth, between)
         by_steps = max(_left(off, ratio, order, rule.order), rounded)
@@ -237,15 +239,11 @@ def by_short_refinement(
                 estimate = max(estimate, early, looked_at_closely(rule, whole, scales, tol))
                 found = Choice(rule, steps, whole, estimate, runs, True, True)
                 return found if estimate <= tol else None
-        expected = off * ratio ** (-CAUTION * rule.order)
-        closer = (
-            begins_well
-            and not stalls
-            and ratio < RATIOS[1]
-            and _left(expected, ratio, rule.order, rule.order) <= tol
-        )
+        near, far = RATIOS
+        expected = _left(off * near ** (-CAUTION * rule.order), near, rule.order, rule.order)
+        closer = begins_well and not stalls and expected <= tol
         before, last, slower = (steps, motion), off, ratio
-        ratio = ratio if closer and steps % 2 == 0 else RATIOS[1]
+        ratio = near if closer and steps % 2 == 0 else far
         steps = round(ratio * steps)
     return None
 

@@ -6,7 +6,7 @@ enum Proof { GRADED_DOUBTED = -2, GRADED, PROVED, NOT_PROVED, NOT_SHORT, DOUBTED
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
-        at_once, part_of_it, narrow_parts, uncertain, coarser, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
+        at_once, part_of_it, narrow_parts, uncertain, coarser, closely, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
         close, bent, sure, quiet, smooth, fewest, turned, repeated;
 } Limits;
 
@@ -41,7 +41,7 @@ typedef struct {
 /* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
 static double level_for(const Refined *a, double wanted, int64_t steps) {
     const double often = a->limits->secular / ((double)steps * (double)steps);
-    return wanted * (a->limits->level < often ? a->limits->level : often);
+    return (wanted < a->limits->closely ? wanted : a->limits->closely) * (a->limits->level < often ? a->limits->level : often);
 }
 
 /* Room for so many steps of a run, and what it carries on; 0 where there is none. */

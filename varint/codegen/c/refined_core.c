@@ -106,8 +106,9 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                 if (!(grown <= a->tol)) break; /* it is told elsewhere that it is out of reach */
                 estimate = estimate > grown ? estimate : grown;
             }
+            const int has_nodes = together >= CUT_SHARED || !is_cut(&now.ended);
             int begins_well = 1;
-            if (off < l->no_digits && estimate <= a->tol && (together >= CUT_SHARED || !is_cut(&now.ended))) {
+            if (off < l->no_digits && estimate <= a->tol && has_nodes) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
                 if (!try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
@@ -130,9 +131,9 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                     goto end;
                 }
             }
-            const double next = off * pow(ratio, -l->caution * (double)a->order);
-            const int closer = begins_well && !stalls && ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
-            last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, ratio) ? ratio : l->far;
+            const double next = off * pow(l->near, -l->caution * (double)a->order);
+            const int closer = begins_well && has_nodes && !stalls && left_of(a, next, l->near, (double)a->order) <= a->tol;
+            last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, l->near) ? l->near : l->far;
         }
         const Attempt older = before;
         before = now, now = older, two = 1;
