@@ -144,6 +144,14 @@ def test_polar_coordinates_follow_the_speed_that_is_left():
     assert abs(np.exp(1j * motion.q[-1, 1]) - (x + 1j * y) / np.hypot(x, y)) < 1e-7
 
 
+def spiral():
+    """To the centre in about 20 time units, and no end of turns."""
+    q, v = vi.coordinates("x", "y")
+    r, speed = ca.sqrt(ca.sumsqr(q)), ca.sqrt(ca.sumsqr(v))
+    scene = vi.System(q, v, speed**2 / 2 + 1 / r, force=-0.05 * v * speed)
+    return scene, dict(q0=[1.0, 0.0], v0=[0.0, 1.0])
+
+
 def test_a_spiral_that_turns_ever_faster_is_looked_at_in_few_pieces(monkeypatch):
     """The clock falls behind its mean rate all along: pieces of a run were ever shorter, and the
     whole of it was looked at after each. Of 200,000 steps that took 26 s, and takes half a second.
@@ -158,10 +166,19 @@ def test_a_spiral_that_turns_ever_faster_is_looked_at_in_few_pieces(monkeypatch)
         return look(run, nodes)
 
     monkeypatch.setattr(physical_end, "trajectory_of", counted)
-    q, v = vi.coordinates("x", "y")
-    r, speed = ca.sqrt(ca.sumsqr(q)), ca.sqrt(ca.sumsqr(v))
-    spiral = vi.System(q, v, speed**2 / 2 + 1 / r, force=-0.05 * v * speed)
-    start = dict(q0=[1.0, 0.0], v0=[0.0, 1.0], duration=19.9)
-    motion, other = (vi.simulate(spiral, **start, tol=tol) for tol in (1e-9, 1e-10))
+    scene, start = spiral()
+    motion, other = (vi.simulate(scene, **start, duration=19.9, tol=tol) for tol in (1e-9, 1e-10))
     assert motion.stats["error_estimate"] <= 1e-9
     assert motion.q[-1] == pytest.approx(other.q[-1], abs=2e-10)
+
+
+def test_a_spiral_ends_where_it_has_no_end_of_turns():
+    """Asked for beyond the centre: it had no end after 145 s."""
+    scene, start = spiral()
+    with pytest.raises(vi.ConvergenceError, match="ever faster") as told:
+        vi.simulate(scene, **start, duration=40.0)
+    found, before = told.value.trajectory, vi.simulate(scene, **start, duration=15.0)
+    radius = np.linalg.norm(found.q, axis=1)
+    assert told.value.time == found.t[-1] == pytest.approx(20.0, abs=0.1)
+    assert radius[-1] < 1e-3
+    assert np.interp(15.0, found.t, radius) == pytest.approx(np.hypot(*before.q[-1]), abs=1e-3)

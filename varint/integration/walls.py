@@ -4,6 +4,7 @@ that holds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from varint.errors import ConvergenceError
@@ -15,6 +16,8 @@ STRAY = 2  # among them, which leapt over the end and were lost behind it
 FEWEST_JUMPS = 2**16  # of forces that jump, which fail wherever a step happens to meet the jump
 TOGETHER = 1e-5  # of the duration: failures by steps that follow the scene are at one time
 CLOSE = 4.0  # steps within which equal ones fail there
+TOO_FAST = "bodies collide there, or turn around each other ever faster"
+SOON = 1e-2  # of the duration: where two runs came to no end of turns, there is none
 
 Failure = tuple[int, ConvergenceError]  # the steps of a run, and how it ended
 
@@ -41,6 +44,8 @@ def require_way_on(
         With the nodes of the last run, or where a force jumps of the one that came farthest.
     """
     few, end = failures[-1]
+    if varying and _endless(failures, SOON * abs(total)):
+        raise _no_end_of_turns(end)
     if not varying and few < (FEWEST_JUMPS if jumps else FEWEST):
         return
     enough = VARYING if varying else EQUAL
@@ -50,6 +55,27 @@ def require_way_on(
     )
     if at_once >= enough or (jumps and len(failures) >= enough):
         raise no_way_on(failures, jumps)
+
+
+def _endless(failures: Sequence[Failure], apart: float) -> bool:
+    """Whether the last two of them turned ever faster, at about one time."""
+    two = [error for _, error in failures[-2:]]
+    if len(two) < 2 or abs(two[0].time - two[1].time) > apart:
+        return False
+    # other causes are not looked for
+    return all(math.isinf(error.residual) and error.cause == TOO_FAST for error in two)
+
+
+def _no_end_of_turns(end: ConvergenceError) -> ConvergenceError:
+    return ConvergenceError(
+        f"the motion ends near t = {end.time:g}: {TOO_FAST}, and no run leads farther. End the run "
+        f"before (duration=, until=); error.trajectory has {len(end.trajectory)} nodes before it",
+        step=end.step,
+        time=end.time,
+        residual=end.residual,
+        trajectory=end.trajectory,
+        cause=TOO_FAST,
+    )
 
 
 def jumping_cause(system: System | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
@@ -17,6 +18,7 @@ from varint.integration.state import NodeBlock
 from varint.integration.time_transformation.physical_time import LOCATED, end_at
 from varint.integration.time_transformation.transformed_scene import TransformedScene, level_of
 from varint.integration.trajectories import Run, first_node, moving_system, trajectory_of
+from varint.integration.walls import TOO_FAST
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_system
@@ -30,10 +32,9 @@ CAREFUL = 0.95  # of the steps that this rate asks for, so that the end is not p
 MARGIN = 1.02
 SHARE = 8  # of the steps so far, that come next where it takes more than these
 REACHED = 1e-9  # of the duration: its end is located
-# steps after which a chunk of them that passes less than a part of what is left of the duration is
-# the last one: the motion comes to where it has no end of turns, and no run leads farther
-MANY, HARDLY = 2**16, 1e-4
-TOO_FAST = "bodies collide there, or turn around each other ever faster"
+# steps after which a chunk of them is the last one, at whose pace it were so many more to the end:
+# the motion comes to where it has no end of turns, and no run leads farther
+MANY, ENDLESS = 2**16, 60_000_000
 OFF_LEVEL = 0.1  # of the largest kinetic energy: the motion is another one
 
 
@@ -92,9 +93,10 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
         # does the clock stand still where σ vanishes?
         if done > patience:
             require_level(scene, run, trajectory_of(run, run.nodes))
-        if done > MANY and abs(clock - passed) < HARDLY * abs(total - clock):
+        if done > MANY and abs(clock - passed) * ENDLESS < abs(total - clock) * count:
             so_far = trajectory_of(run, run.nodes)
-            raise _lost(f"time hardly goes on after t = {clock:g}: {TOO_FAST}", so_far, math.inf)
+            why = f"time hardly goes on after t = {clock:g}: {TOO_FAST}"
+            raise _lost(why, so_far, math.inf, TOO_FAST)
         passed = clock
         ahead = steps_ahead(total, clock, done)
 
@@ -228,10 +230,11 @@ def lost_level(scene: TransformedScene, moving: System, nodes: Nodes, c: np.ndar
     return None
 
 
-def _lost(why: str, before: Trajectory, residual: float) -> ConvergenceError:
+def _lost(why: str, before: Trajectory, residual: float, cause: str = "") -> ConvergenceError:
     """What ends a run whose clock or level is lost, with the nodes before it."""
     step, time = int(before.k[-1]), float(before.q[-1, -1])
-    return ConvergenceError(why, step=step, time=time, residual=residual, trajectory=before)
+    told = partial(ConvergenceError, why, step=step, time=time, trajectory=before)
+    return told(residual=residual, cause=cause)
 
 
 @per_system

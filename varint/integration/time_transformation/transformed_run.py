@@ -173,6 +173,7 @@ def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory
             time=float(motion.t[-1]),
             residual=error.residual,
             trajectory=motion,
+            cause=lambda: failure.cause,
         ) from None
     if total is not None and abs(inner.q[-1, -1]) >= abs(total):
         inner = end_at_duration(run, inner, total)
