@@ -76,3 +76,21 @@ def test_a_pole_of_the_coordinates_is_not_taken_for_a_body_without_mass():
         vi.InputError, match=r"mass of \['phi'\].*singular there, as spherical ones"
     ):
         vi.simulate(scene, q0=[0.0, 0.0], v0=[1.0, 0.0], duration=1.0)
+
+
+@pytest.mark.parametrize("duration", [1.5, 5.0, 40.0])
+@pytest.mark.parametrize("more", [(), ("y",)])
+def test_a_mass_that_vanishes_on_the_way_ends_the_motion(duration, more):
+    """x v²/2 + x = 1 leads to x = 0 in π/√8; steps leap over that, or turn back before it, and
+    nothing that comes behind is a motion. It took up to 69 s, and came back with warnings.
+    """
+    q, v = vi.coordinates("x", *more)
+    scene = vi.System(q, v, q[0] * v[0] ** 2 / 2 - q[0] + ca.sumsqr(v[1:]) / 2)
+    start = dict(q0=np.ones(len(more) + 1), v0=np.zeros(len(more) + 1))
+    with pytest.raises(vi.ConvergenceError, match="no run of up to") as told:
+        vi.simulate(scene, **start, duration=duration)
+    error = told.value
+    assert error.time == pytest.approx(np.pi / np.sqrt(8), rel=1e-4)
+    assert len(error.trajectory) < 2**18 and 0 < error.trajectory.q[-1, 0] < 0.1
+    before = vi.simulate(scene, **start, duration=1.0).q[-1, 0]  # x' = −√(2 (1 − x)/x)
+    assert np.sqrt(before * (1 - before)) + np.arccos(np.sqrt(before)) == pytest.approx(np.sqrt(2))

@@ -15,7 +15,7 @@ from varint.errors import ConvergenceError
 from varint.integration.energy_check import EnergyJump, energy_jump, first_jump, undefined_at
 from varint.integration.second_looks import has_steps
 from varint.integration.small_motions import frequencies, local_matrices
-from varint.integration.walls import jumping_cause
+from varint.integration.walls import CLOSE, Failure, jumping_cause
 from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 
@@ -80,6 +80,20 @@ def _went_astray(motion: Trajectory, jump: EnergyJump, on_failure: str | None) -
     hint = "; on_failure='subdivide' redoes steps that fail, not those" if on_failure else ""
     what = f"led astray, and a later one has no solution. Likely: {jump.cause}{hint}"
     return _without_residual(motion, int(motion.k[-1]), float(motion.t[-1]), what, jump.cause)
+
+
+def leap_over(motion: Trajectory, last: Failure) -> ConvergenceError | None:
+    """The error of a run that came to its end only since its steps leapt over where the `last` one
+    had failed: behind that its energy is another one.
+    """
+    steps, failed = last
+    if (astray := first_jump(motion)) is None:
+        return None
+    before, jump = astray
+    whole = abs(motion.h) * (len(motion) - 1)
+    if abs(jump.time - failed.time) > CLOSE * (abs(motion.h) + whole / steps):
+        return None
+    return _went_astray(before, jump, None)
 
 
 def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:

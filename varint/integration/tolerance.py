@@ -27,6 +27,7 @@ from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
+from varint.integration.failures import leap_over
 from varint.integration.known_at_start import fastest_at_start, stiff_at_start
 from varint.integration.linear_run import MAPPED, TURNS, is_one_map, runs_driven
 from varint.integration.plain_trials import (
@@ -53,7 +54,7 @@ from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import angles_turned, decay_rates
 from varint.integration.trajectories import Run
 from varint.integration.two_runs import UNRESCUED, shows_its_error
-from varint.integration.walls import Failure
+from varint.integration.walls import Failure, at_one_time
 from varint.integration.watched_trials import by_watched_trials
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -224,6 +225,12 @@ def choose_steps(
                 decays = decay_rates(error.trajectory[-1:]) * abs(start.h * start.steps)
                 stiff = max(stiff, decays.max(initial=0.0))
             return None
+        if smooth and failures:
+            if leapt := leap_over(motion, failures[-1]):
+                failures.append((steps, leapt))
+                return None
+            if at_one_time(failures, start.h * start.steps):
+                return motion, run
         failures.clear()
         return motion, run
 

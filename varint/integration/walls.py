@@ -49,12 +49,20 @@ def require_way_on(
     if not varying and few < (FEWEST_JUMPS if jumps else FEWEST):
         return
     enough = VARYING if varying else EQUAL
+    if at_one_time(failures, total, varying=varying) or (jumps and len(failures) >= enough):
+        raise no_way_on(failures, jumps)
+
+
+def at_one_time(failures: Sequence[Failure], total: float, *, varying: bool = False) -> bool:
+    """Whether enough of them were at the time of the last one; what comes through beside so many
+    has leapt over it.
+    """
+    enough, end = VARYING if varying else EQUAL, failures[-1][1]
     at_once = sum(
         abs(error.time - end.time) <= abs(total) * (TOGETHER if varying else CLOSE / steps)
         for steps, error in failures[-(enough + STRAY) :]
     )
-    if at_once >= enough or (jumps and len(failures) >= enough):
-        raise no_way_on(failures, jumps)
+    return at_once >= enough
 
 
 def _endless(failures: Sequence[Failure], apart: float) -> bool:
