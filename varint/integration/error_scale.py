@@ -107,7 +107,7 @@ def scales_of_nodes(
     ]
     sizes = list(ranges)
     for members in [*bodies(system.names), *system.rays]:
-        size = math.sqrt(sum([ranges[i] ** 2 for i in members]))
+        size = math.sqrt(sum([ranges[i] * ranges[i] for i in members]))
         for i in members:
             sizes[i] = size
     sizes = [min(x, RADIAN) if turns else x for x, turns in zip(sizes, angles(system), strict=True)]
@@ -116,7 +116,7 @@ def scales_of_nodes(
         mass = np.abs(call(_inertia_function(system), q[0], v, t, c)[0]).tolist()
     some = max([x for x in mass if x > 0], default=1.0)
     mass = [x if x > 0 else some for x in mass]
-    moved = max([x * size**2 for x, size in zip(mass, sizes, strict=True)])
+    moved = max([x * (size * size) for x, size in zip(mass, sizes, strict=True)])
     for i, x in enumerate(mass):
         least = HARDLY * math.sqrt(moved / x)
         sizes[i] = max(sizes[i], least) or max(abs(float(q[0, i])), 1.0)
