@@ -23,7 +23,8 @@ from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
 Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
-MOST_COORDINATES = 12  # beyond, a sparse solve in every step is cheaper than a full map
+MOST_COORDINATES = 128  # beyond, a sparse solve in every step is cheaper than a full map
+FEW_COORDINATES = 12  # beyond, what solves such a step takes long to build
 
 
 @per_scene

@@ -15,7 +15,7 @@ from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
 from varint.discrete.scales import rounding_sizes
-from varint.integration.cost import newton_repays
+from varint.integration.cost import ARRANGED, is_solved_at_once, newton_repays, rescues
 from varint.integration.gears import (
     BY_STAGES,
     EXPLICIT,
@@ -125,8 +125,8 @@ def compiled_blocks(
         # else, where an iteration fails or overflows, Newton's method or the
         # interpreted loop may not
         ways = not no_other_way or (stiff and _newton_in_gear(system, rule) is not None)
-        rescued = problem.rescued or kernel.opening is not None
-        goes_on = part.status != DONE and ways and rescued
+        rescued = problem.rescued or (kernel.opening and rescues(system, rule, problem.steps - k))
+        goes_on = bool(part.status != DONE and ways and rescued)
         if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:
@@ -236,6 +236,8 @@ def _by_newton(
     """The rest of a run on which an iteration failed: by the compiled Newton's method, then the
     interpreted one.
     """
+    if system.structure.linear and not is_solved_at_once(system, rule, ARRANGED):
+        compiled = False
     kernel = _newton_in_gear(system, rule) if compiled else None
     steps = problem.steps - problem.first
     if compiled and kernel is None and newton_repays(system, rule, steps):

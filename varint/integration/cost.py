@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.cache import has_instructions
+from varint.codegen.driven import FEW_COORDINATES
 from varint.codegen.mechanics import force
 from varint.discrete.composed import base_of, shares
 from varint.discrete.lagrangian import point_function
@@ -51,6 +52,10 @@ TREE_STATEMENT = 1.1e-4  # of those of a tree of links: its inertias and velocit
 LOOP, HELD_LOOP = 0.28, 0.47
 BUILDING = 1e-4  # seconds to build an implicit step for CasADi, an operation at a node
 ROLLING = 2.5e-7  # seconds to build the loop around a step, a step of it and a number of the state
+RESCUE = 0.5  # seconds that a trial which fails may take interpreted
+# operations of slopes at pairs of stages beyond which arranging them takes long, or longer than
+# what is interpreted; a number of their own counts as so many, for no two stages share it
+SOLVED, ARRANGED, NUMBER = 12_000, 40_000, 3
 QUICK = 1.0  # seconds that compiling may always take once a compiled run needs Newton's method
 RIGHT_SIDE = 4  # statements in a right-hand side for an operation of L, ∂L/∂q and ∂L/∂v
 SECOND = 7  # and in second derivatives, as Newton's method needs them
@@ -157,7 +162,8 @@ def _by_newton(system: System, rule: Rule) -> bool:
     s = system.structure
     if rule.kicks and s.explicit:
         return False
-    return bool(s.constraints or s.nonholonomic or s.linear or not _by_right_sides(system, rule))
+    solved = is_solved_at_once(system, rule)
+    return bool(s.constraints or s.nonholonomic or solved or not _by_right_sides(system, rule))
 
 
 def _by_right_sides(system: System, rule: Rule) -> bool:
@@ -166,6 +172,30 @@ def _by_right_sides(system: System, rule: Rule) -> bool:
     if s.linear or (rule.kicks and s.explicit):
         return True
     return s.quadratic_kinetic and rule == gauss(min(stages, MOST_STAGES))
+
+
+def rescues(system: System, rule: Rule, steps: int) -> bool:
+    """Whether a trial of so many steps that fails is made interpreted, for that is soon over."""
+    return interpreted_seconds(system, rule) * steps <= RESCUE
+
+
+def is_solved_at_once(system: System, rule: Rule, most: int = SOLVED) -> bool:
+    """Whether steps of a linear scene are one solve each, whose matrix is no long list of
+    operations.
+    """
+    s = system.structure
+    if not s.linear or s.n <= FEW_COORDINATES:
+        return s.linear
+    return _operations_of_slopes(system) * len(rule.nodes) ** 2 <= most
+
+
+@per_scene
+def _operations_of_slopes(system: System) -> int:
+    s, state = system, ca.vertcat(system.q, system.v)
+    slopes = [ca.jacobian(x, state) for x in (force(s), s.momentum)]
+    f = ca.Function("slopes", [s.q, s.v, s.t, s.control, s.c], slopes)
+    count = f.n_instructions()
+    return int(count + NUMBER * sum(f.instruction_id(k) == ca.OP_CONST for k in range(count)))
 
 
 @per_scene

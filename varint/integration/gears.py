@@ -19,7 +19,7 @@ from varint.codegen.gauss import gauss_form, gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import native_explicit, native_gauss
-from varint.integration.cost import compiling_seconds, loop_seconds
+from varint.integration.cost import compiling_seconds, is_solved_at_once, loop_seconds
 from varint.numerics.limits import CLOSED
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
@@ -63,13 +63,18 @@ def newton() -> Scheme:
 def scheme_of(system: System, rule: Rule) -> Scheme:
     """Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss
     rules, which beats Newton's method by far except for the midpoint rule in few coordinates
-    (double pendulum: 0.35 against 0.16 µs a step); else Newton's method.
+    (double pendulum: 0.35 against 0.16 µs a step) and linear scenes that are not large; else
+    Newton's method.
     """
     s = system.structure
     if rule.kicks and s.explicit:
         return EXPLICIT
     few = rule == gauss(1) and s.n <= CLOSED
-    return BY_STAGES if _has_stages(system, rule) and not s.linear and not few else newton()
+    return (
+        newton()
+        if few or not _has_stages(system, rule) or is_solved_at_once(system, rule)
+        else BY_STAGES
+    )
 
 
 def _has_stages(system: System, rule: Rule) -> bool:

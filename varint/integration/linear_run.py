@@ -12,6 +12,7 @@ import numpy as np
 from varint.codegen.arguments import DONE
 from varint.codegen.cache import CompileError
 from varint.codegen.driven import (
+    FEW_COORDINATES,
     has_driven_map,
     is_driven,
     is_gauss,
@@ -70,6 +71,14 @@ def driven_kernel(system: System, rule: Rule) -> Kernel | None:
         return None
 
 
+@per_scene
+def map_alone(system: System, rule: Rule) -> Kernel | None:
+    """The same of scenes of many coordinates: nothing that solves their steps need be built before
+    it is wanted.
+    """
+    return driven_kernel(system, rule) if system.structure.n > FEW_COORDINATES else None
+
+
 def first_of_map(rule: Rule, radians: float, tol: float) -> int | None:
     """Steps to begin with where they are one map; None where they are to be solved one by one."""
     few = steps_of_map(rule, radians, tol)
@@ -78,8 +87,10 @@ def first_of_map(rule: Rule, radians: float, tol: float) -> int | None:
 
 def nodes_by_map(system: System, rule: Rule, problem: InitialValueProblem) -> LoopResult | None:
     """The run as a loop would find it, which carries nothing along and looks for no velocities;
-    None where it is not finite.
+    None where it is not finite, or products are so large that libraries divide them.
     """
+    if system.structure.n > FEW_COORDINATES:
+        return None
     began, n, steps, h = perf_counter(), len(problem.q0), problem.steps, problem.h
     slopes, rates, mass = (
         x.reshape(shape, order="F")

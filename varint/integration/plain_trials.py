@@ -19,6 +19,7 @@ from varint.integration.linear_run import (
     TOLD,
     first_of_map,
     is_one_map,
+    map_alone,
     nodes_by_map,
 )
 from varint.integration.plan import plan
@@ -94,6 +95,7 @@ def by_plain_trials(
     one_map = backend == "auto" and is_one_map(system, rule)
     few = first_of_map(rule, radians, tol) if one_map else None
     mapped = few is not None
+    alone = map_alone(system, rule) if mapped else None
     first = steps_for(rule, begin, tol) if few is None else few
     floor = FLOOR if few is None else max(FLOOR, SAME_STEP * few)
 
@@ -102,7 +104,7 @@ def by_plain_trials(
     ) -> Attempt | None:
         count = max(steps // part, 1)
         problem = first_steps_of(start, rule, steps, count, wanted)
-        kernel = kernel_for(system, rule, problem, backend)
+        kernel = alone or kernel_for(system, rule, problem, backend)
         found = nodes_by_map(system, rule, problem) if mapped else None
         if found is None and kernel is not None:
             found = run_at_once(system, rule, problem, kernel, short=False)

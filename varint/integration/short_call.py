@@ -183,17 +183,19 @@ def by_the_core(
     if chosen is None or chosen[0] is not turned or chosen[1] != tol:
         chosen = room.chosen = turned, tol, *chosen_in(system, known, turned[1], tol)
     _, _, loop, first = chosen
-    gears = loop.gears
-    if gears is None or first is None:
+    gears, alone, rule = loop.gears, loop.alone, loop.plan.rule
+    if first is None or not (gears or alone):
         return None
-    kernel, rule = kernel_now(gears), loop.plan.rule
+    if alone and not (watched is None and times is None):  # it makes no shorter steps
+        return None
+    kernel = kernel_now(gears) if gears else alone[0]
     if kernel is not loop.last[0]:
         course = course_by(system, rule, kernel, True)
         loop.last = kernel, None if course is None else made_of(course, loop.plan)
     made = loop.last[1]
     if made is None:
         return None
-    radians, low = turned[0], gears if made.course.kernel is gears.low else None
+    radians, low = turned[0], gears if gears and made.course.kernel is gears.low else None
     beside = None
     if known.held or watched is not None:
         beside = _beside(system, known, made, kernel, room, c, watched)
@@ -216,7 +218,7 @@ def by_the_core(
         if times is not None:
             return between_nodes(found, kernel, times)
         if chosen is before and not low and (watched is None or watched.whole):
-            there = room, known.rooms, gears.high, made, rates, c, how
+            there = room, known.rooms, gears.high if gears else alone, made, rates, c, how
             remember(system, known.rule, *there, beside, watched)
         return found
     if isinstance(found, tuple):

@@ -161,6 +161,7 @@ def by_short_refinement(
         motion = run(steps, steps, wanted, coarser=COARSER if before is None else 1.0)
         runs += 1
         if motion is None:
+            runs -= bool(driven and REPEATED * steps**2 <= tol)  # too long for a map: not made
             before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
             last = shown = math.inf
             continue

@@ -16,7 +16,13 @@ from varint.integration.compiled_loop import scheme_of
 from varint.integration.even_motion import Made
 from varint.integration.gears import Gears, gears_of
 from varint.integration.held_rows import is_held
-from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map, runs_driven
+from varint.integration.linear_run import (
+    MAPPED,
+    driven_kernel,
+    is_one_map,
+    map_alone,
+    runs_driven,
+)
 from varint.integration.plain_start import Room, has_plain_nodes, is_plain, rooms
 from varint.integration.plan import Plan, plan
 from varint.integration.rule_choice import Priced, candidates, changes, cheapest, priced
@@ -34,13 +40,14 @@ from varint.scene.system import System
 
 @dataclass(eq=False)
 class Loop:
-    """Of a scene and a rule: the plan, the gears if there are some, and the loop that ran last,
-    with how motions are made by it and, if that was asked for, looked at between their nodes; how
-    many steps are begun with.
+    """Of a scene and a rule: the plan, the gears if there are some, or the map that does alone, and
+    the loop that ran last, with how motions are made by it and, if that was asked for, looked at
+    between their nodes; how many steps are begun with.
     """
 
     plan: Plan
     gears: Gears | None
+    alone: list[Kernel]
     begins: Begins
     last: tuple[Kernel | None, Made | None] = (None, None)
     between: tuple[Kernel | None, Between | None] = (None, None)
@@ -109,8 +116,10 @@ def _begins_by_symbols(system: System) -> bool:
 
 @per_scene
 def loop_of(system: System, rule: Rule) -> Loop:
-    gears = gears_of(system, rule, scheme_of(system, rule))
-    return Loop(plan(system, rule), gears, steps_to_begin(system, rule))
+    alone = map_alone(system, rule)
+    gears = None if alone else gears_of(system, rule, scheme_of(system, rule))
+    maps = [alone] if alone else []
+    return Loop(plan(system, rule), gears, maps, steps_to_begin(system, rule))
 
 
 def chosen_in(system: System, known: Known, begin: float, tol: float) -> tuple[Loop, int | None]:

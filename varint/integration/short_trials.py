@@ -50,7 +50,13 @@ from varint.integration.even_motion import even_motion_of, graded_motion, made_o
 from varint.integration.force_bounds import forces_as_data, push
 from varint.integration.gears import BY_STAGES, Gears, gears_with, kernel_after
 from varint.integration.held_rows import is_held
-from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
+from varint.integration.linear_run import (
+    REPEATED,
+    driven_kernel,
+    first_of_map,
+    is_one_map,
+    map_alone,
+)
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.proof_limits import proof_limits
@@ -103,7 +109,8 @@ def by_short_trials(
     `turned` by how much the motion turns, and the one that the first steps are for. With `grows`
     steps may become longer where the motion settles.
     """
-    (radians, begin), kernel = turned, kernel_for(system, rule, start, backend)
+    (radians, begin), alone = turned, map_alone(system, rule) if backend == "auto" else None
+    kernel = alone or kernel_for(system, rule, start, backend)
     course = None if kernel is None else course_by(system, rule, kernel, grows)
     if kernel is None or course is None:
         return NOT_SHORT
@@ -118,7 +125,7 @@ def by_short_trials(
     if first is None:
         return NOT_SHORT
     asked = start.t0, start.h, first, radians, tol
-    gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
+    gears = None if alone else gears_with(system, rule, scheme_of(system, rule), course.kernel)
     rates = rates_to_follow(system) if follow else [NO_RATES]
     found = two_short_runs(system, course, gears, places, asked, rates)
     chosen = plan(system, rule)
@@ -219,7 +226,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
     for members in bodies(system.names):
         body[members] = members[0]
     turns = np.array(angles(system), dtype=np.int64)
-    piloted = scheme_of(system, rule) is BY_STAGES
+    piloted = driven is None and scheme_of(system, rule) is BY_STAGES
     slow = kernel.is_native and driven is None
     longest = first_piece(kernel, False) * (1 if slow else COMPILED)
     if is_one_map(system, rule):  # a step is one product, not one for each of its nodes

@@ -26,7 +26,7 @@ from varint.codegen.two_runs import NOT_SHORT, VARIES
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
-from varint.integration.cost import repays
+from varint.integration.cost import repays, rescues
 from varint.integration.failures import leap_over
 from varint.integration.known_at_start import fastest_at_start, stiff_at_start
 from varint.integration.linear_run import MAPPED, TURNS, is_one_map, runs_driven
@@ -210,7 +210,7 @@ def choose_steps(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved or first_order else iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
-            rescued=steps < stiff or steps > UNRESCUED,
+            rescued=(steps < stiff or steps > UNRESCUED) and rescues(system, chosen, steps),
             ahead=FOLLOW * steps,
         )
         try:

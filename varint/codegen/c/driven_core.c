@@ -47,12 +47,26 @@ static int solved(int64_t d, int64_t width, double *m, double *x) {
     return 1;
 }
 
+/* The largest sum of sizes in rows of z, or in columns. */
+static double largest_sum(const double *z, int64_t d, int64_t row, int64_t column) {
+    double most = 0;
+    for (int64_t i = 0; i < d; i++) {
+        double sum = 0;
+        for (int64_t j = 0; j < d; j++) sum += fabs(z[i * row + j * column]);
+        most = sum <= most ? most : sum;
+    }
+    return most;
+}
+
+#define MOST_OF_Q 256 /* size of its highest power beyond which little is left of what is slow: h A of 24 with eight stages */
+#define SQUARES 4    /* numbers (d, d) that maps are made of */
+#define ON_STACK 24  /* of so many rows at most, what they need is there */
+
 /* R - 1 and h W of a step, side by side: (2 n, 2 n + stages many), row by row. Momenta are in units of powers of two near
-   mass / h. `w`: registers of the slopes; false where there is no such map. */
-static int set_maps(const Scene *s, const RunArguments *a, double *w, double *maps) {
+   mass / h. `w`: registers of the slopes; `found`: (d d + n); `z`: (SQUARES, d, d); false where there is no such map, or the step is too long for it. */
+static int set_maps(const Scene *s, const RunArguments *a, double *w, V *found, double *z, double *maps) {
     const int64_t d = 2 * s->n, width = d + s->stages * s->many, more = s->stages + 1;
-    double unit[d], z[d * d], power[d * d], next[d * d], left[d * d];
-    V found[d * d + s->n];
+    double unit[d], *power = z + d * d, *next = power + d * d, *const left = next + d * d;
     prepare_tape(&s->slopes, a->c, w);
     evaluate_tape(&s->slopes, 0, (V *const[]){found, found + d * d}, 1, w);
     for (int64_t i = 0; i < d; i++) {
@@ -75,12 +89,19 @@ static int set_maps(const Scene *s, const RunArguments *a, double *w, double *ma
                     *to = s_fma(s->of[l * more + k], power[i * d + (int64_t)s->active[j]], *to);
                 }
         }
+        if (k == s->stages) break;
         memset(next, 0, d * d * sizeof(double));
         for (int64_t i = 0; i < d; i++)
-            for (int64_t l = 0; l < d; l++)
-                for (int64_t j = 0; j < d; j++) next[i * d + j] = s_fma(power[i * d + l], z[l * d + j], next[i * d + j]);
-        memcpy(power, next, d * d * sizeof(double));
+            for (int64_t l = 0; l < d; l++) {
+                const double slope = z[i * d + l]; /* of which most are none */
+                if (slope == 0) continue;
+                for (int64_t j = 0; j < d; j++) next[i * d + j] = s_fma(slope, power[l * d + j], next[i * d + j]);
+            }
+        double *const last = power;
+        power = next, next = last;
     }
+    const double by_row = largest_sum(power, d, d, 1), by_column = largest_sum(power, d, 1, d);
+    if (!(fabs(s->left[s->stages]) * (by_row < by_column ? by_row : by_column) <= MOST_OF_Q)) return 0;
     if (!solved(d, width, left, maps)) return 0;
     for (int64_t i = 0; i < d; i++) {
         for (int64_t j = 0; j < d; j++) maps[i * width + j] *= unit[i] / unit[j];
@@ -94,11 +115,16 @@ static int set_maps(const Scene *s, const RunArguments *a, double *w, double *ma
 int run(const RunArguments *a) {
     const Scene *const s = a->scene;
     const int64_t n = s->n, d = 2 * n, m = s->many, width = d + s->stages * m, vectors = (d + LANES - 1) / LANES;
-    double maps[d * width], *const carry = a->carry, *const x = carry + 2, *const rest = x + d, *rows = a->rows;
-    V w[(s->slopes.registers > s->drive.registers ? s->slopes.registers : s->drive.registers) + 1];
-    V change[d * vectors], gained[vectors], g[m + 1], given[d];
+    const int64_t registers = (s->slopes.registers > s->drive.registers ? s->slopes.registers : s->drive.registers) + 1,
+                  numbers = SQUARES * d * d + d * width, all = registers + d * d + n + d * vectors + numbers / LANES + 1;
+    V few[d > ON_STACK ? 1 : all], *const own = d > ON_STACK ? aligned_alloc(64, (all * sizeof(V) + 63) / 64 * 64) : 0,
+      *const w = d > ON_STACK ? own : few, gained[vectors], g[m + 1], given[d];
+    if (!w) return NOT_FINITE;
+    V *const found = w + registers, *const change = found + d * d + n;
+    double *const z = (double *)(change + d * vectors), *const maps = z + SQUARES * d * d, *const carry = a->carry, *const x = carry + 2,
+           *const rest = x + d, *rows = a->rows;
     int64_t done = 0, unsaved = 0;
-    int status = set_maps(s, a, (double *)w, maps) ? DONE : NOT_FINITE;
+    int status = set_maps(s, a, (double *)w, found, z, maps) ? DONE : NOT_FINITE;
     for (int64_t j = 0; j < d; j++)
         for (int64_t i = 0; i < vectors * LANES; i++) ((double *)(change + j * vectors))[i] = i < d ? maps[i * width + j] : 0;
     if (!(carry[0] == 1 && carry[1] == a->h)) memcpy(x, a->start, d * sizeof(double)), memset(rest, 0, d * sizeof(double));
@@ -124,6 +150,7 @@ int run(const RunArguments *a) {
         unsaved = 0, rows += 3 * n;
         memcpy(rows, x, d * sizeof(double));
     }
+    free(own);
     memcpy(a->stats->last, x, d * sizeof(double));
     if (!status && unsound(x, (int)d) != 0) status = NOT_FINITE;
     a->stats->status = status, a->stats->steps = status ? 0 : (double)done;

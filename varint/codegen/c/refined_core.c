@@ -56,6 +56,7 @@ static int prove(const Refined *a, int grows, int64_t *made) {
         ends = is_cut(&now.ended) ? now.ended.end : INFINITY;
         if (now.lost) {
             if (a->grades->count) break;
+            runs -= l->repeated > 0; /* steps too long for a map, which was not made */
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
         }
