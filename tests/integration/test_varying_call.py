@@ -123,3 +123,16 @@ def test_a_collision_is_refused_in_the_same_words():
 def test_scenes_whose_rate_varies_little_keep_equal_steps():
     kepler, asked = scene(), start(0.1) | {"duration": 1.0, "tol": 1e-6}
     assert vi.simulate(kepler, **asked).fictitious is None
+
+
+@pytest.mark.parametrize("every", [3, 10])
+def test_every_so_many_nodes_are_kept_that_are_asked_for(every):
+    """They were all there, whatever `save_every` said, since their own times lie on no grid."""
+    whole = vi.simulate(scene(), **start(0.9), duration=60.0)
+    some = vi.simulate(scene(), **start(0.9), duration=60.0, save_every=every)
+    kept = np.append(np.flatnonzero(whole.k[:-1] % every == 0), len(whole) - 1)
+    assert whole.fictitious is not None and some.fictitious is not None
+    for name in ("t", "q", "p", "k"):
+        assert getattr(some, name).tobytes() == getattr(whole, name)[kept].tobytes()
+    assert some.fictitious.t.tobytes() == whole.fictitious.t[kept].tobytes()
+    assert some.at(33.3).q == pytest.approx(whole.at(33.3).q, abs=1e-12)
