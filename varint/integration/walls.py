@@ -75,15 +75,19 @@ def _endless(failures: Sequence[Failure], apart: float) -> bool:
 
 
 def _no_end_of_turns(end: ConvergenceError) -> ConvergenceError:
-    return ConvergenceError(
-        f"the motion ends near t = {end.time:g}: {TOO_FAST}, and no run leads farther. End the run "
-        f"before (duration=, until=); error.trajectory has {len(end.trajectory)} nodes before it",
-        step=end.step,
-        time=end.time,
-        residual=end.residual,
-        trajectory=end.trajectory,
-        cause=TOO_FAST,
-    )
+    what = f"the motion ends near t = {end.time:g}: {TOO_FAST}, and no run leads farther. End the "
+    what += f"run before (duration=, until=); error.trajectory has {_nodes(end)} nodes before it"
+    return _ended(end, what, TOO_FAST)
+
+
+def _ended(end: ConvergenceError, what: str, why: str) -> ConvergenceError:
+    """The same end, told of in other words."""
+    at = {"step": end.step, "trajectory": end.trajectory}
+    return ConvergenceError(what, **at, time=end.time, residual=end.residual, cause=why)
+
+
+def _nodes(end: ConvergenceError) -> int:
+    return 0 if end.trajectory is None else len(end.trajectory)
 
 
 def jumping_cause(system: System | None) -> str:
@@ -107,22 +111,15 @@ def no_way_on(failures: Sequence[Failure], jumps: bool) -> ConvergenceError:
     most, end = failures[-1]
     if jumps:
         end = max((error for _, error in failures), key=_reached)
-    nodes = 0 if end.trajectory is None else len(end.trajectory)
     why = (
         jumping_cause(None if end.trajectory is None else end.trajectory.system)
         if jumps
         else "bodies collide, coordinates grow without bound or the scene is singular there: end "
         "the run before (duration=, until=), or describe the impact (contact=)"
     )
-    return ConvergenceError(
-        f"the motion ends at t = {end.time:g}: no run of up to {most} steps leads farther. Likely: "
-        f"{why}. Error.trajectory has the {nodes} nodes before it",
-        step=end.step,
-        time=end.time,
-        residual=end.residual,
-        trajectory=end.trajectory,
-        cause=why,
-    )
+    what = f"the motion ends at t = {end.time:g}: no run of up to {most} steps leads farther. "
+    what += f"Likely: {why}. Error.trajectory has the {_nodes(end)} nodes before it"
+    return _ended(end, what, why)
 
 
 def _reached(error: ConvergenceError) -> float:

@@ -59,11 +59,12 @@ static double largest_sum(const double *z, int64_t d, int64_t row, int64_t colum
 }
 
 #define MOST_OF_Q 256 /* size of its highest power beyond which little is left of what is slow: h A of 24 with eight stages */
-#define SQUARES 4    /* numbers (d, d) that maps are made of */
-#define ON_STACK 24  /* of so many rows at most, what they need is there */
+#define SQUARES 4     /* numbers (d, d) that maps are made of */
+#define ON_STACK 24   /* of so many rows at most, what they need is there */
 
 /* R - 1 and h W of a step, side by side: (2 n, 2 n + stages many), row by row. Momenta are in units of powers of two near
-   mass / h. `w`: registers of the slopes; `found`: (d d + n); `z`: (SQUARES, d, d); false where there is no such map, or the step is too long for it. */
+   mass / h. `w`: registers of the slopes; `found`: (d d + n); `z`: (SQUARES, d, d); false where there is no such map, or the step
+   is too long for it. */
 static int set_maps(const Scene *s, const RunArguments *a, double *w, V *found, double *z, double *maps) {
     const int64_t d = 2 * s->n, width = d + s->stages * s->many, more = s->stages + 1;
     double unit[d], *power = z + d * d, *next = power + d * d, *const left = next + d * d;
