@@ -12,7 +12,7 @@ import varint.codegen.native_newton as native_newton
 import varint.codegen.newton as newton_loop
 from varint.integration import compiled_loop
 from varint.integration.compiled_loop import kernel_of, native_kernel
-from varint.integration.error_scale import error_scales
+from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.gears import BY_STAGES, newton, scheme_of
 
 
@@ -157,3 +157,12 @@ def test_a_beam_is_not_stepped_by_what_is_interpreted(monkeypatch):
     )
     assert one.stats["error_estimate"] <= 1e-9
     assert one.q[-1] == pytest.approx(other.q[-1], abs=1e-8 * np.abs(one.q).max())
+
+
+def test_coordinates_that_went_off_have_infinite_scales_and_no_overflow():
+    """Python's x**2 raises beyond 1e154: a coarse run of a long beam ended a call so."""
+    (system, _), q = network(13), np.zeros((3, 13))
+    q[1] = 1e200
+    with np.errstate(over="ignore"):
+        scales = scales_of_nodes(system, q, np.zeros(13), np.zeros(1), np.zeros(0))
+    assert (scales >= 1e200).all()
