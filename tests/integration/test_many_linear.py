@@ -96,11 +96,15 @@ def test_ends_events_and_times_are_those_of_the_motion():
 @pytest.mark.parametrize("damping", [30.0, 1e3, 1e4])
 @pytest.mark.parametrize("n", [2, 20])
 def test_steps_that_are_too_long_for_powers_of_their_map_are_not_taken(n, damping):
-    """Of h A beyond some twenty the powers leave nothing of what is slow; 5 % of the motion is."""
+    """Of h A beyond some twenty they leave nothing of what is slow: runs by such maps agreed late
+    or never, and 20 masses with dampers of 1e3 went the long way for a second.
+    """
     (system, a), begin = network(n, damping=damping), start(n)
     for tol in (1e-3, 1e-6):
         motion = vi.simulate(system, **begin, duration=0.5, tol=tol, progress=False)
-        assert error_of(system, motion, a, begin, 0.5) <= tol + 1e-15 * damping * n
+        assert error_of(system, motion, a, begin, 0.5) <= tol
+        assert "one linear map a step" in motion.stats["backend"]
+        assert motion.stats["runs"] <= 3
 
 
 def test_steps_are_solved_at_once_where_that_is_no_long_list():
