@@ -25,6 +25,7 @@ from varint.integration.round_off import (
     GROWS,
     growth_of,
     iterated_by,
+    late_rounding,
     likely_rounding,
     passed_by,
     rounding,
@@ -211,6 +212,7 @@ def refine(
             lasting = order if over_jumps else max(order * (order / rule.order), LEAST_ORDER)
             counted = ratio ** (-CAUTION * lasting)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
+            floor = max(floor, late_rounding(motion, scales))
             left = 0.0 if solved else LEFT * iteration_level(wanted, steps) * math.sqrt(steps)
             left = iterated_by(left, apart, growth, between) if forced else left
             passed = passed_by(steps / regular, apart, between, tol) if forced else 0.0

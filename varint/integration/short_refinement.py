@@ -30,6 +30,7 @@ from varint.integration.round_off import (
     GROWS,
     growth_of,
     iterated_by,
+    late_rounding,
     likely_rounding,
     parted,
     passed_by,
@@ -269,13 +270,14 @@ def looked_at_closely(
     rule: Rule, motion: Trajectory, scales: np.ndarray | None, tol: float
 ) -> float:
     """What the nodes of a run say of its error beside the differences to others: what forces did
-    between them, and infinitely much where the energy is astray.
+    between them, and infinitely much where the energy is astray; what times far from zero round.
     """
     system = motion.system
     if not _balanced(motion) and energy_alarm(motion):
         return math.inf  # few nodes bound the work of forces poorly
     scales = error_scales(system, motion) if scales is None else scales
-    return missed_impulse(system, rule, motion, scales, tol)
+    missed = missed_impulse(system, rule, motion, scales, tol)
+    return max(missed, late_rounding(motion, scales))
 
 
 def _balanced(motion: Trajectory) -> bool:

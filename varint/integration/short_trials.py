@@ -83,6 +83,7 @@ _REFINED = np.array(
         *(limited.WAYS, limited.PARTED, limited.FAR_BELOW),
         *(bent.CLOSE, bent.BENT, bent.SURE),
         *(graded.QUIET, graded.SMOOTH, graded.FEWEST, graded.TURNED),
+        limited.LATE * limited.LATELY,
     ]
 )
 

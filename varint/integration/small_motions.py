@@ -17,7 +17,7 @@ from varint.scene.system import System
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
 MOST_TURNED = 1e6  # radians: more than any first run is for
 REMEMBERED = 256  # of what motions turn by
-FASTER = 2.0  # times the frequency at the start: steps that suit that one are lost
+FASTER = 1.25  # times the frequency at the start: steps that suit that one are lost
 FEW = 6  # coordinates whose uncoupled parts are looked for: one or two have a formula
 
 

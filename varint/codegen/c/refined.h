@@ -7,7 +7,7 @@ typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, coarser, closely, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
-        close, bent, sure, quiet, smooth, fewest, turned, repeated;
+        close, bent, sure, quiet, smooth, fewest, turned, late, repeated;
 } Limits;
 
 typedef struct {

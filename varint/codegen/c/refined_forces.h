@@ -162,6 +162,8 @@ static int shows_forces(const Refined *a, const Attempt *run, const double *t, c
 static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *scales) {
     const int64_t n = a->n, steps = run->ended.last, all = steps + fine->ended.last + 2, looked = a->timed ? (10 * n + 1) * steps + (8 * n + 3) * a->groups : 0;
     if (a->timed && !(a->push && a->bounds)) return 1;
+    const double far = fabs(a->t0) + fabs(a->duration), rate = a->radians / fabs(a->duration); /* times far from zero: late_rounding */
+    if (a->timed && a->limits->late * far * rate > a->tol) return 1;
     double few[SHORT], *const t = memory_for(all + (looked > 2 * all ? looked : 2 * all), few, few);
     if (!t) return 1;
     double *const room = t + all;
