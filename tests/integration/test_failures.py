@@ -309,6 +309,14 @@ def test_progress_shows_rate_and_energy_error_and_is_silent_when_not_wanted(caps
     assert capsys.readouterr().err == ""
 
 
+def test_progress_of_a_run_that_ends_early_shows_the_steps_until_there(capsys):
+    system = double_pendulum()
+    start = dict(q0=[0.4, 0.2], v0=[0, 0], h=1e-3, steps=1000, until=system.q[0])
+    motion = vi.simulate(system, progress=True, **start)
+    shown = capsys.readouterr().err
+    assert 100 < motion.k[-1] < 900 and f"{motion.k[-1] + 1}/1.00k" in shown
+
+
 @pytest.mark.parametrize("rule", [None, vi.midpoint()], ids=["default", "midpoint"])
 def test_an_energy_that_is_no_number_is_told_from_a_step_too_large(rule):
     """The force of log x goes on behind x = 0, the Lagrangian does not; √x is left by the

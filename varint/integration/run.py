@@ -271,7 +271,9 @@ def collect(
                     pending.append(block)
                 if end and len(end.jump):
                     motion = so_far()
-                    return cut_at(motion, len(motion) - block.good - 1, end)
+                    motion = cut_at(motion, len(motion) - block.good - 1, end)
+                    move(int(motion.k[-1]) + 1 - reached, partial(_energy_note, run, block))
+                    return motion
                 if block.good < len(block.k):
                     from varint.integration.failures import failure
 
