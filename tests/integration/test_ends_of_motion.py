@@ -94,3 +94,35 @@ def test_a_mass_that_vanishes_on_the_way_ends_the_motion(duration, more):
     assert len(error.trajectory) < 2**18 and 0 < error.trajectory.q[-1, 0] < 0.1
     before = vi.simulate(scene, **start, duration=1.0).q[-1, 0]  # x' = −√(2 (1 − x)/x)
     assert np.sqrt(before * (1 - before)) + np.arccos(np.sqrt(before)) == pytest.approx(np.sqrt(2))
+
+
+def puck(friction):
+    """On a plane, thrown at √5 with μ g = 3: it comes to rest after √5/3, at 5/6 of its way."""
+    q, v = vi.coordinates("x", "y")
+    scene = vi.System(q, v, ca.sumsqr(v) / 2, force=-3 * friction(v))
+    return scene, {"q0": [0.0, 0.0], "v0": [2.0, 1.0], "duration": 2.0}
+
+
+def test_friction_that_is_not_defined_at_rest_is_named_where_it_stops_a_body():
+    scene, start = puck(lambda v: v / ca.norm_2(v))
+    with pytest.raises(
+        vi.ConvergenceError, match=r"divides by the speed of x, y.*sqrt\(v·v \+ s²\)"
+    ) as told:
+        vi.simulate(scene, **start)
+    reached = told.value.trajectory
+    assert told.value.time == pytest.approx(5**0.5 / 3, abs=2e-3)  # a step
+    assert np.abs(reached.q[-1] - np.array([2, 1]) * 5**0.5 / 6).max() < 1e-5
+    moving = vi.simulate(scene, **start | {"duration": 0.7})
+    way = 0.7 * 5**0.5 - 3 * 0.7**2 / 2
+    assert np.abs(moving.q[-1] - np.array([2, 1]) / 5**0.5 * way).max() < 1e-9
+
+
+def test_friction_that_is_hardly_rounded_is_followed_to_rest_and_beyond():
+    """Within a speed of 1e-5 it turns over: at a rate of 3e5, three million steps of a unit."""
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2, force=-3 * v / ca.sqrt(v**2 + 1e-11))
+    motion = vi.simulate(scene, q0=0.0, v0=2.0, duration=1.0)
+    assert motion.q[-1, 0] == pytest.approx(2 / 3, abs=1e-9) and abs(motion.v[-1, 0]) < 1e-12
+    steep = vi.System(q, v, v**2 / 2, force=-3 * ca.tanh(v / 1e-9))
+    with pytest.raises(vi.ConvergenceError, match=r"turns over within a tiny speed of x.*e\+09"):
+        vi.simulate(steep, q0=0.0, v0=2.0, duration=1.0)

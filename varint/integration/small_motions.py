@@ -181,13 +181,18 @@ def frequency_at_start(
 
 def decay_rates(motion: Trajectory) -> np.ndarray:
     """Largest |γ| at each node with det(∂F/∂v + γ M) = 0: how fast dampers stop what moves."""
-    s, n = motion.system.structure, motion.system.structure.n
+    return decay_rates_at(motion.system, motion.q, motion.v, motion.t[:, None], motion.c)
+
+
+def decay_rates_at(
+    system: System, q: np.ndarray, v: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> np.ndarray:
+    """The same at states (N, n), (N, n), (N, 1); not where they are no numbers."""
+    s, n = system.structure, system.structure.n
     if not s.forced or s.degenerate or n > MOST_COORDINATES:
         return np.empty(0)
-    given = motion.q, motion.v, motion.t[:, None], motion.c
     mass, damping = (
-        x.reshape(-1, n, n).transpose(0, 2, 1)
-        for x in over_columns(_damping(motion.system), *given)
+        x.reshape(-1, n, n).transpose(0, 2, 1) for x in over_columns(_damping(system), q, v, t, c)
     )
     both = zip(mass, damping, strict=True)
     some = [(m, d) for m, d in both if np.isfinite(m).all() and np.isfinite(d).all()]

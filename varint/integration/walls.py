@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 from varint.errors import ConvergenceError
+from varint.integration.vanishing_speeds import cause_at_rest, is_worth_more_steps, rate_at_rest
 from varint.scene.system import System
 
 # failures at one time: by steps that follow the scene, by equal ones, and steps of the last
@@ -46,10 +47,14 @@ def require_way_on(
     few, end = failures[-1]
     if varying and _endless(failures, SOON * abs(total)):
         raise _no_end_of_turns(end)
+    plain, enough = not (varying or jumps), VARYING if varying else EQUAL
+    if not (at_one_time(failures, total, varying=varying) or (jumps and len(failures) >= enough)):
+        return
+    if plain and math.isinf(rate_at_rest(end.trajectory)):
+        raise no_way_on(failures, jumps)
     if not varying and few < (FEWEST_JUMPS if jumps else FEWEST):
         return
-    enough = VARYING if varying else EQUAL
-    if at_one_time(failures, total, varying=varying) or (jumps and len(failures) >= enough):
+    if not (plain and is_worth_more_steps(end.trajectory, few)):
         raise no_way_on(failures, jumps)
 
 
@@ -111,12 +116,13 @@ def no_way_on(failures: Sequence[Failure], jumps: bool) -> ConvergenceError:
     most, end = failures[-1]
     if jumps:
         end = max((error for _, error in failures), key=_reached)
-    why = (
-        jumping_cause(None if end.trajectory is None else end.trajectory.system)
-        if jumps
-        else "bodies collide, coordinates grow without bound or the scene is singular there: end "
-        "the run before (duration=, until=), or describe the impact (contact=)"
-    )
+    if jumps:
+        why = jumping_cause(None if end.trajectory is None else end.trajectory.system)
+    else:
+        why = cause_at_rest(end.trajectory, most) or (
+            "bodies collide, coordinates grow without bound or the scene is singular there: end "
+            "the run before (duration=, until=), or describe the impact (contact=)"
+        )
     what = f"the motion ends at t = {end.time:g}: no run of up to {most} steps leads farther. "
     what += f"Likely: {why}. Error.trajectory has the {_nodes(end)} nodes before it"
     return _ended(end, what, why)
