@@ -27,6 +27,7 @@ from varint.integration.trajectories import (
     Run,
     active_scene,
     cut_at,
+    energy_note,
     first_node,
     in_order,
     last_node,
@@ -272,7 +273,7 @@ def collect(
                 if end and len(end.jump):
                     motion = so_far()
                     motion = cut_at(motion, len(motion) - block.good - 1, end)
-                    move(int(motion.k[-1]) + 1 - reached, partial(_energy_note, run, block))
+                    move(int(motion.k[-1]) + 1 - reached, partial(energy_note, run, block))
                     return motion
                 if block.good < len(block.k):
                     from varint.integration.failures import failure
@@ -281,7 +282,7 @@ def collect(
                     raise failure(so_far(), _next_step(block), block.failed, remedy)
                 if block.good:
                     before, reached = reached, int(block.k[block.good - 1])
-                    move(reached - before, partial(_energy_note, run, block))
+                    move(reached - before, partial(energy_note, run, block))
                 if sum([part.good for part in pending]) > at_once:
                     so_far()
                 if file and file.due():
@@ -308,16 +309,3 @@ def _next_step(block: NodeBlock) -> int:
     if block.after is not None:
         return block.after.k
     return int(block.k[block.good - 1]) if block.good else int(block.k[0]) - 1
-
-
-def _energy_note(run: Run, last: NodeBlock) -> str:
-    """Energy error of the last node for the progress bar; the energy where forces or time may
-    change it.
-    """
-    before, after = trajectory_of(
-        run, [last_node([block]) for block in (run.nodes[0], last)]
-    ).energy
-    s = run.system.structure
-    if s.forced or not s.autonomous or before == 0:
-        return f"H={after:.6g}"
-    return f"ΔH/|H|={(after - before) / abs(before):.1e}"

@@ -280,3 +280,16 @@ def _with_own_steps(motion: Trajectory) -> Trajectory:
     last, origin = int(motion.k[-1]), motion.origin
     whole = origin is not None and float(motion.t[-1]) == origin + motion.h * last
     return with_stats(motion, steps=last + (not whole))
+
+
+def energy_note(run: Run, last: NodeBlock) -> str:
+    """Energy error of the last node for the progress bar; the energy where forces or time may
+    change it.
+    """
+    before, after = trajectory_of(
+        run, [last_node([block]) for block in (run.nodes[0], last)]
+    ).energy
+    s = run.system.structure
+    if s.forced or not s.autonomous or before == 0:
+        return f"H={after:.6g}"
+    return f"ΔH/|H|={(after - before) / abs(before):.1e}"
