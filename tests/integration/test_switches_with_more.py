@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 import varint as vi
 from varint.integration.switches import switched_run
+from varint.integration.switches.frozen import frozen_scene
 from varint.multibody.kinematics import body_rates
 from varint.multibody.rotations import quaternion_rate
 
@@ -367,3 +368,51 @@ def test_derivatives_where_the_written_scene_is_another_one_are_refused(build):
         motion.transition_matrix()
     with pytest.raises(vi.InputError, match="as it is written is another one"):
         vi.gradient(motion, terminal_loss=scene.q[0])
+
+
+def rocket(after):
+    """It burns one of its ten units of mass a unit of time, for five of them."""
+    (q, v), t = vi.coordinates("z"), vi.time()
+    burns = t < 5
+    mass = ca.if_else(burns, 10 - t, after)
+    push = ca.if_else(burns, 200 - v, 0)  # d(m v)/dt = m dv/dt + v dm/dt
+    return vi.System(q, v, mass * (v**2 / 2 - 9.81 * q), force=push, t=t)
+
+
+def test_a_rocket_ends_a_step_where_it_has_burnt_out():
+    """z of Tsiolkovsky's equation, and free flight behind it; a mass that drops keeps momentum."""
+    burnt = 200 * (5 * np.log(0.5) + 5) - 9.81 * 12.5, 200 * np.log(2) - 9.81 * 5
+    for after in (5.0, 2.0):
+        motion = vi.simulate(rocket(after), q0=0.0, v0=0.0, duration=12.0)
+        end = burnt[0] + burnt[1] * (5 / after) * 7 - 9.81 * 24.5
+        assert motion.q[-1, 0] == pytest.approx(end, rel=1e-10)
+        assert 5.0 in motion.t and motion.stats["steps"] < 100
+        assert motion.stats["error_estimate"] < 1e-9
+    high = vi.simulate(rocket(5.0), q0=0.0, v0=0.0, duration=60.0, until=rocket(5.0).q - 400)
+    assert high.q[-1, 0] == pytest.approx(400, abs=1e-7) and high.t[-1] > 5
+
+
+def test_a_pendulum_that_is_let_out_for_a_while_ends_steps_where_its_rope_begins_and_ends_to_run():
+    (q, v), t = vi.coordinates("theta"), vi.time()
+    length = 1 + ca.fmin(ca.fmax(t - 2, 0), 2) / 4
+    lagrangian = length**2 * v**2 / 2 + 9.81 * length * ca.cos(q)
+    motion = vi.simulate(vi.System(q, v, lagrangian, t=t), q0=0.5, v0=0.0, duration=8.0)
+    assert {2.0, 4.0} <= set(motion.t.tolist()) and motion.stats["steps"] < 200
+
+    def rate(time, y):
+        long, runs = 1 + min(max(time - 2, 0), 2) / 4, 0.25 * (2 < time < 4)
+        return [y[1], (-9.81 * np.sin(y[0]) - 2 * runs * y[1]) / long]
+
+    state = np.array([0.5, 0.0])
+    for begin, end in ((0, 2), (2, 4), (4, 8)):
+        inside = (begin + 1e-15, end - 1e-15)
+        found = solve_ivp(rate, inside, state, method="DOP853", rtol=1e-13, atol=1e-14)
+        state = found.y[:, -1]
+    assert motion.q[-1, 0] == pytest.approx(state[0], abs=1e-10)
+
+
+def test_inertia_that_switches_by_the_motion_is_not_cut_there():
+    """Its momenta would jump."""
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, ca.if_else(q > 1, 2.0, 1.0) * v**2 / 2 - q**2 / 2)
+    assert frozen_scene(system) is None

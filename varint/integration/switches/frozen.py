@@ -45,7 +45,7 @@ class FrozenScene(NamedTuple):
 @per_system
 def frozen_scene(system: System) -> FrozenScene | None:
     """The scene with its switches as parameters, contacts left open; None where it has none, or
-    more than forces and potentials switch, or it has no masses.
+    more than forces, potentials and, by time alone, inertia switch, or it has no masses.
     """
     s = system
     if s.structure.degenerate or jumps(s.contact, ca.vertcat(s.q, s.t)):
@@ -75,11 +75,23 @@ def frozen_scene(system: System) -> FrozenScene | None:
     params = with_more(params, **{(name := _free_name(s, "switch")): np.ones(count)})
     values = params._symbols[name]
     lagrangian, force, sigma = ca.substitute(expressions, old, [*new, values])
-    if ca.depends_on(ca.gradient(lagrangian, s.v), values):
-        return None
+    inertial = ca.which_depends(ca.gradient(lagrangian, s.v), values, 1, False)
+    if any(inertial):  # momenta do not jump where time alone switches inertia
+        by_time = _by_time(sigma, values, ca.vertcat(s.q, s.v, *new))
+        if s.kinetics or not all(by_time[i] for i in range(count) if inertial[i]):
+            return None
     frozen = _smooth(s, lagrangian, force, params, ca.depends_on(lagrangian, values))
     controls = ca.vertcat(ca.SX(0, 1), *new)
     return FrozenScene(frozen, values, sigma, np.array(read.counts), controls)
+
+
+def _by_time(sigma: ca.SX, values: ca.SX, others: ca.SX) -> list[bool]:
+    """Which switches depend on none of the others, also by way of switches read before them."""
+    found: list[bool] = []
+    for i in range(values.numel()):
+        parts = [x for j, x in enumerate(ca.vertsplit(values)) if j >= i or not found[j]]
+        found.append(not ca.depends_on(sigma[i], ca.vertcat(others, *parts)))
+    return found
 
 
 def with_force(system: System, force: ca.SX) -> System:
