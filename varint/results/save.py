@@ -38,13 +38,10 @@ def save(trajectory: Trajectory, path: Any) -> None:
         If the folder does not exist or cannot be written, or the disk is full.
     """
     path = file_path(path)
-    header, arrays = _parts(trajectory)
-    header |= {"format": FORMAT, "version": VERSION}
+    header, arrays = parts_of(trajectory)
+    header |= {"format": FORMAT, "version": VERSION, "system": describe(trajectory.system)}
     if trajectory.fictitious is not None:
-        header["fictitious"], inner = _parts(trajectory.fictitious)
-        arrays |= {INNER + name: value for name, value in inner.items()}
-    if (branches := getattr(trajectory.dense_output, "to_arrays", None)) is not None:
-        arrays |= {SWITCHES + name: value for name, value in branches().items()}
+        header["fictitious"]["system"] = describe(trajectory.fictitious.system)
     if hasattr(trajectory.solution, "to_arrays"):
         header["control"], found = trajectory.solution.to_arrays()
         arrays |= {CONTROL + name: value for name, value in found.items()}
@@ -53,13 +50,22 @@ def save(trajectory: Trajectory, path: Any) -> None:
     write_atomically(path, lambda file: write_archive(file, header, arrays, compress=True))
 
 
+def parts_of(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a file holds of a motion, but for its scenes: what is not an array, and what is."""
+    header, arrays = _parts(trajectory)
+    if trajectory.fictitious is not None:
+        header["fictitious"], inner = _parts(trajectory.fictitious)
+        arrays |= {INNER + name: value for name, value in inner.items()}
+    if (branches := getattr(trajectory.dense_output, "to_arrays", None)) is not None:
+        arrays |= {SWITCHES + name: value for name, value in branches().items()}
+    return header, arrays
+
+
 def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What is not an array, and what is."""
     header = {
         "h": trajectory.h,
         "origin": trajectory.origin,
         "rule": plain(trajectory.rule),
-        "system": describe(trajectory.system),
         "phases": plain(trajectory.active_sets),
         "events": plain(trajectory.events),
         "stats": {
