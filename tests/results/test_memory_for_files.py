@@ -13,7 +13,7 @@ from saved_files import npy, plain_run, saved, whole_members, zipped
 from scenes import henon_heiles
 
 import varint as vi
-from varint.numerics import limits
+from varint.numerics import archive, limits
 
 HUGE = ["(100000000000, 2)", "(10**40,)", f"({10**40},)", "(-1,)", "(-3, -2)", "(1.5,)", "(True,)"]
 
@@ -54,6 +54,15 @@ def test_what_this_machine_has_no_memory_for_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "_memory", lambda: 500_000)
     with pytest.raises(vi.InputError, match="more than this machine's memory"):
         vi.load(path)
+
+
+def test_a_header_that_would_not_be_read_again_is_not_written(tmp_path, monkeypatch):
+    path = saved(tmp_path, plain_run())
+    before = path.read_bytes()
+    monkeypatch.setattr(archive, "MOST_HEADER", 500)
+    with pytest.raises(vi.InputError, match="its header is no text of at most 500 letters"):
+        plain_run().save(path)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
 
 def test_a_zarr_group_of_huge_arrays_without_content_is_refused(tmp_path, monkeypatch):

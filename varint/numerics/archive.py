@@ -18,7 +18,7 @@ import numpy as np
 from varint.errors import InputError
 from varint.numerics.limits import check_memory
 
-HEADER = "header"
+HEADER, LONG = "header", "its header is no text of at most {} letters"
 KINDS = "fiub"  # of arrays: numbers of a fixed size
 MOST_HEADER = 2**26  # letters; the lists and words that they become take some ten times as much
 MOST_ARRAYS = 10_000
@@ -40,9 +40,18 @@ class _Declared(NamedTuple):
 def write_archive(
     file: IO[bytes], header: Mapping[str, Any], arrays: Mapping[str, Any], *, compress: bool
 ) -> None:
-    """Write a header of plain data and arrays of numbers."""
+    """Write a header of plain data and arrays of numbers.
+
+    Raises
+    ------
+    InputError
+        If the header is so long that it would not be read again.
+    """
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
-    contents = {HEADER: np.array(json.dumps(header))} | dict(arrays)
+    text = json.dumps(header)
+    if len(text) > MOST_HEADER:
+        raise InputError(LONG.format(MOST_HEADER))
+    contents = {HEADER: np.array(text)} | dict(arrays)
     with zipfile.ZipFile(file, "w", method) as archive:
         for name, value in contents.items():
             about = zipfile.ZipInfo(f"{name}.npy", EPOCH)
@@ -112,7 +121,7 @@ def _read(archive: zipfile.ZipFile, about: zipfile.ZipInfo | None, kinds: str) -
         ):
             raise InputError(f"{about.filename} holds {dtype} of shape {shape}")
         if kinds == "U" and (shape or dtype.itemsize > 4 * MOST_HEADER):
-            raise InputError(f"its header is no text of at most {MOST_HEADER} letters")
+            raise InputError(LONG.format(MOST_HEADER))
         if member.tell() + size != about.file_size:
             raise InputError(f"{about.filename} declares another size than the archive")
         room, at = np.empty(size, np.uint8), 0
