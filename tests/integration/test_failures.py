@@ -372,8 +372,8 @@ def test_an_energy_that_is_no_number_far_away_is_told_without_a_warning_of_numpy
         vi.simulate(system, q0=[3e-305, 0.0], v0=[0.0, 0.0], h=1.0, steps=1, backend="interpreted")
 
 
-def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch, tmp_path):
-    """A search for equal steps, as a checkpoint needs them, has runs that fail, and nobody asks
+def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch):
+    """A search for steps, all equal since they may be divided, has runs that fail, and nobody asks
     why.
     """
 
@@ -387,7 +387,7 @@ def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch, tmp_path):
         vi.simulate(kepler(), vi.gauss(2), **motion, h=1.0, steps=5)
     with monkeypatch.context() as patched:
         patched.setattr(failures, "likely_cause", never)
-        equal = {"duration": 3.0, "tol": 1e-6, "checkpoint": tmp_path / "run"}
+        equal = {"duration": 3.0, "tol": 1e-6, "on_failure": "subdivide"}
         assert vi.simulate(polar, **motion, **equal).stats["runs"] > 3
         with pytest.raises(AssertionError, match="a cause"):
             str(caught.value)

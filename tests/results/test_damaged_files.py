@@ -104,6 +104,34 @@ def mutated(header: dict, moments: random.Random) -> dict:
     return header
 
 
+def disturbed(arrays: dict, moments: random.Random) -> dict:
+    """The arrays with one of them replaced or removed."""
+    changed = dict(arrays)
+    name = moments.choice(list(arrays))
+    x = arrays[name]
+    other = [
+        None,
+        x[..., None],
+        x.ravel()[:1],
+        x[:0],
+        x.astype(np.int64 if x.dtype.kind == "f" else float),
+        np.full_like(x, moments.choice([-1, 0, 10**6])),
+        np.full(x.shape, np.nan),
+        np.full(x.shape, 2**62),
+        x.T,
+        x.astype(np.float32),
+        x.astype("S3"),
+        np.zeros((0, 5)),
+        np.array(3.0),
+    ]
+    change = moments.choice(other)
+    if change is None:
+        del changed[name]
+    else:
+        changed[name] = change
+    return changed
+
+
 def used(motion: vi.Trajectory) -> None:
     """What one does with a trajectory; the numbers may be anything."""
     with np.errstate(all="ignore"):
@@ -179,31 +207,8 @@ def test_arrays_with_anything_in_them_open_or_are_refused(tmp_path, make):
     header, arrays = parts_of(saved(tmp_path, make()))
     moments, refused = random.Random(15), 0
     for _ in range(80):
-        changed = dict(arrays)
-        name = moments.choice(list(arrays))
-        x = arrays[name]
-        other = [
-            None,
-            x[..., None],
-            x.ravel()[:1],
-            x[:0],
-            x.astype(np.int64 if x.dtype.kind == "f" else float),
-            np.full_like(x, moments.choice([-1, 0, 10**6])),
-            np.full(x.shape, np.nan),
-            np.full(x.shape, 2**62),
-            x.T,
-            x.astype(np.float32),
-            x.astype("S3"),
-            np.zeros((0, 5)),
-            np.array(3.0),
-        ]
-        change = moments.choice(other)
-        if change is None:
-            del changed[name]
-        else:
-            changed[name] = change
         try:
-            used(vi.load(put(tmp_path / "a.npz", header, changed)))
+            used(vi.load(put(tmp_path / "a.npz", header, disturbed(arrays, moments))))
         except HARMLESS:
             refused += 1
     assert refused > 30
@@ -248,6 +253,46 @@ def test_checkpoints_with_anything_in_them_are_refused_or_go_on(tmp_path):
         except HARMLESS:
             refused += 1
     assert refused > 40
+
+
+def follows_the_scene():
+    model = vi.models.kepler(e=0.9)
+    events = dict(node=model.system.q[1])
+    return model.system, dict(q0=model.q0, v0=model.v0, duration=7.0, events=events)
+
+
+def rubs():
+    q, v = vi.coordinates("x")
+    wall = dict(contact=q + 0.3, restitution=0.5)
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-0.1 * ca.sign(v), **wall)
+    return system, dict(q0=1.0, v0=0.0, duration=4.0)
+
+
+def touches():
+    return rocking(), dict(q0=[1.0, 0.5, 1.2], v0=[1.5, 0, 0], duration=0.5, tol=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("scene", [follows_the_scene, rubs, touches])
+def test_whole_motions_with_anything_in_them_are_refused_or_come_back(tmp_path, scene):
+    path, (system, start) = tmp_path / "run", scene()
+    vi.simulate(system, **start, checkpoint=path)
+    header, arrays = parts_of(path)
+    whole, moments, refused = path.read_bytes(), random.Random(19), 0
+    for i in range(120):
+        if i % 3 == 0:
+            put(path, mutated(header, moments), arrays)
+        elif i % 3 == 1:
+            put(path, header, disturbed(arrays, moments))
+        else:
+            broken = bytearray(whole)
+            broken[moments.randrange(len(broken))] ^= 1 << moments.randrange(8)
+            path.write_bytes(bytes(broken))
+        try:
+            used(vi.simulate(system, **start, checkpoint=path))
+        except HARMLESS:
+            refused += 1
+    assert 60 < refused < 120
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -17,6 +17,7 @@ from scenes import double_pendulum, henon_heiles, pendulum
 
 import varint as vi
 from varint.integration import checkpoint
+from varint.numerics import archive
 from varint.numerics.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -210,6 +211,31 @@ def test_a_run_with_no_memory_for_its_checkpoint_goes_on(tmp_path, monkeypatch):
         motion = vi.simulate(pendulum(), checkpoint=tmp_path / "run", **start)
     assert motion.q.tobytes() == vi.simulate(pendulum(), **start).q.tobytes()
     assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize("why", ["No space", "no memory is left", "no text of at most"])
+def test_a_motion_that_cannot_be_kept_is_returned_all_the_same(tmp_path, monkeypatch, why):
+    system, path = double_pendulum(), tmp_path / "run"
+    start = dict(q0=[0.4, 0.2], v0=[0, 0], duration=20.0, events={"zero": double_pendulum().q[0]})
+    whole = vi.simulate(system, **start)
+
+    def greedy(*arguments, **more):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        if why == "No space":
+            fill(patch, 5_000)
+        elif why == "no memory is left":
+            patch.setattr(checkpoint, "write_archive", greedy)
+        else:  # too many events for a header that is read again
+            patch.setattr(archive, "MOST_HEADER", 5_000)
+        with pytest.warns(UserWarning, match=f"not kept in its checkpoint.*{why}") as said:
+            motion = vi.simulate(system, **start, checkpoint=path)
+    assert len(said) == 1 and __file__ == said[0].filename
+    assert motion.q.tobytes() == whole.q.tobytes() and motion.events == whole.events
+    assert not os.listdir(tmp_path)
+    again = vi.simulate(system, **start, checkpoint=path)
+    assert path.exists() and again.q.tobytes() == whole.q.tobytes()
 
 
 @pytest.mark.skipif(

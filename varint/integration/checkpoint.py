@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,7 +29,12 @@ from varint.rules.rule import Rule
 from varint.scene.serialisation import differences, expression_as_data, identity
 from varint.scene.system import System
 
+Held = TypeVar("Held")
 FORMAT = "varint checkpoint 6"
+GOES_ON = (
+    "the run goes on without its checkpoint: {}; what the file held before stays, and writing is "
+    "tried again later"
+)
 # seconds between two checkpoints, more where writing them would take more than a tenth of the run
 PAUSE = 1.0
 MOST_SHARE = 0.1
@@ -65,8 +70,13 @@ class Checkpoint:
             events = [event for event in events if (event.time - time) * h <= 0]
         self.put(lambda: self._contents(t0, h, whole, events, last))
 
-    def put(self, contents: Callable[[], tuple[dict[str, Any], dict[str, Any]]]) -> None:
-        """Write a header and arrays."""
+    def put(
+        self,
+        contents: Callable[[], tuple[dict[str, Any], dict[str, Any]]],
+        failed: str = GOES_ON,
+        frames: int = 6,
+    ) -> None:
+        """Write a header and arrays; where that cannot be, say it so many frames further out."""
         began = perf_counter()
         try:
             header, arrays = contents()
@@ -76,11 +86,7 @@ class Checkpoint:
         except (InputError, MemoryError) as error:
             if not self.failed:
                 why = str(error) or "no memory is left"
-                warnings.warn(
-                    f"the run goes on without its checkpoint: {why}; what the file held before "
-                    "stays, and writing is tried again later",
-                    stacklevel=6,
-                )
+                warnings.warn(failed.format(why), stacklevel=frames)
             self.failed = True
         self.last = perf_counter()
         self.cost = self.last - began
@@ -125,7 +131,19 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If the file is torn, no checkpoint, or one of another run.
+            Those of `opened`.
+        """
+        return self.opened(FORMAT, _blocks_of) or []
+
+    def opened(
+        self, form: str, held: Callable[[dict[str, Any], dict[str, np.ndarray]], Held]
+    ) -> Held | None:
+        """What a file of this format holds, by its header and arrays; None if there is no file yet.
+
+        Raises
+        ------
+        InputError
+            If the file is torn, none of this format, or one of another run, or cannot be written.
         """
         if not self.path.exists():
             if not self.path.parent.is_dir():
@@ -137,16 +155,16 @@ class Checkpoint:
                     f"the folder {self.path.parent} of the checkpoint cannot be written; give "
                     "another path"
                 )
-            return []
+            return None
         remove_parts(self.path)
         try:
             header, arrays = read_archive(self.path, "checkpoint of varint")
-            if header.get("format") != FORMAT:
+            if header.get("format") != form:
                 raise InputError(
-                    f"{self.path} has the format {header.get('format')!a}, not {FORMAT!r}"
+                    f"{self.path} has the format {header.get('format')!a}, not {form!r}"
                 )
             changed = differences(field_of(header, "identity", dict[str, str]), self.identity)
-            blocks = [] if changed else _blocks_of(header, arrays)
+            found = None if changed else held(header, arrays)
         except InputError as error:
             raise InputError(
                 f"{error}; move it away to start the run anew, or give another path"
@@ -156,7 +174,7 @@ class Checkpoint:
                 f"the checkpoint {self.path} belongs to another run: it differs in {changed}; "
                 "repeat the call that wrote it, or give another path"
             )
-        return blocks
+        return found
 
 
 def _blocks_of(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> list[NodeBlock]:
@@ -226,18 +244,30 @@ def checkpoint_of(
     """The checkpoint of a run at a path; `stop` ends it and `watches` are logged, `words` say what
     else its bytes depend on.
     """
-    if not isinstance(path, (str, Path)):
-        raise InputError(f"checkpoint must be the path of a file, got {path!r}")
     numbers = {
         name: getattr(problem, name)
         for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u", "level")
     }
-    words |= {
+    words |= watched_as_words(system, stop, watches)
+    words["active set"] = json.dumps(plain(problem.active_set))
+    return Checkpoint(path_of(path), identity(system, rule, params=problem.c, **numbers, **words))
+
+
+def path_of(path: Any) -> Path:
+    """Where a user wants a checkpoint."""
+    if not isinstance(path, (str, Path)):
+        raise InputError(f"checkpoint must be the path of a file, got {path!r}")
+    return Path(path)
+
+
+def watched_as_words(
+    system: System, stop: Watch | None, watches: Sequence[Watch]
+) -> dict[str, str]:
+    """What is watched for, to tell one run from another."""
+    return {
         "until": json.dumps([_watch_as_data(system, watch) for watch in ([stop] if stop else [])]),
         "events": json.dumps([_watch_as_data(system, watch) for watch in watches]),
-        "active set": json.dumps(plain(problem.active_set)),
     }
-    return Checkpoint(Path(path), identity(system, rule, params=problem.c, **numbers, **words))
 
 
 def _watch_as_data(system: System, watch: Watch) -> list[str | int]:

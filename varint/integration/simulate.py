@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from time import perf_counter
 from types import ModuleType
 from typing import Any
@@ -127,9 +127,11 @@ def simulate(
         ``"interpreted"`` run whose steps are so long that their solution hangs on the way to it
         (more than four iterations) is done natively from its start, for the same bytes.
     checkpoint : path, optional
-        Write the run to this file every second or so. The same call goes on from there after a
-        crash, a kill or Ctrl-C, and ends with the same bytes as a run that was not stopped; after
-        the end it returns the whole run at once. One run a file, one process a run.
+        Write the run to this file. After the end the same call returns the whole run at once, with
+        the same bytes as a run that was not stopped. With h or steps it is written every second or
+        so, and after a crash, a kill or Ctrl-C the same call goes on from there. A run whose steps
+        are chosen is written once it has been found, whatever they are; a call that ends before
+        that is made anew. One run a file, one process a run.
     on_failure : {"raise", "subdivide"}
         ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts, until they agree
         with half as many. They become nodes, and `Trajectory.events` tells of it; controls within
@@ -272,6 +274,29 @@ def simulate(
 
         motion = simulate_transformed(system, rule, time_scale, start, options)
     elif h is None and steps is None:
+        if checkpoint is not None:
+            make = partial(
+                simulate,
+                system,
+                rule,
+                q0=q0,
+                v0=v0,
+                p0=p0,
+                duration=duration,
+                t0=t0,
+                u=u,
+                params=params,
+                save_every=save_every,
+                at=at,
+                until=until,
+                events=events,
+                tol=tol,
+                scale=scale,
+                progress=progress,
+                backend=backend,
+                on_failure=on_failure,
+            )
+            return _kept().kept_motion(make, system, rule, start, options, times, began)
         motion = _to_tolerance().simulate_to_tolerance(system, rule, start, options, tried, began)
     else:
         try:
@@ -326,6 +351,13 @@ def _to_tolerance() -> ModuleType:
     from varint.integration import to_tolerance
 
     return to_tolerance
+
+
+@cache
+def _kept() -> ModuleType:
+    from varint.integration import kept
+
+    return kept
 
 
 def _own(x: Any) -> Any:

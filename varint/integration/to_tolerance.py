@@ -67,9 +67,8 @@ def simulate_to_tolerance(
     tol = DEFAULT_TOL if options.tol is None else options.tol
     every = positive_integer("save_every", options.save_every)
     stop, watches = watches_of(options.until, options.events)
-    rows = _rows(system, start)
-    whole = RunOptions(steps=rows, duration=options.duration)
-    problem = initial_value_problem(system, plan(system, rule).rule, start, whole)
+    problem = whole_problem(system, plan(system, rule).rule, start, options.duration)
+    rows = problem.steps
     if has_switches(system):
         from varint.integration.switches.switched_run import choose_switched_steps
 
@@ -90,15 +89,14 @@ def simulate_to_tolerance(
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
-            nodes_alone = not watches and options.checkpoint is None
-            how["grows"] = nodes_alone and options.on_failure == "raise" and every == 1
+            how["grows"] = not watches and options.on_failure == "raise" and every == 1
             return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:
             choice = choose(problem, options)
         else:
             choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
-    if not watches and options.checkpoint is None and options.on_failure == "raise":
+    if not watches and options.on_failure == "raise":
         motion = choice.motion
         if choice.level:
             leap = energy_leap(motion, tol)
@@ -123,10 +121,10 @@ def _watched(
 ) -> tuple[Trajectory, Choice]:
     """The chosen run again with all that was asked of it. Iterations of the one that proved its
     error may have gone on for longer, for errors that grow: where a run without that is too far
-    from it, and one that goes on from a file has none to compare with, they go on to round-off.
+    from it, they go on to round-off.
     """
     level = iteration_level(tol, choice.steps)
-    if choice.reached and options.checkpoint is None:
+    if choice.reached:
         motion = _once_more(system, start, options, problem, choice, level)
         estimate = choice.estimate + apart_from_proved(motion, choice.motion, options.scale)
         if estimate <= tol:
@@ -172,6 +170,14 @@ def with_estimate(motion: Trajectory, choice: Choice, tol: float, began: float) 
         runs=choice.runs,
         seconds=perf_counter() - began,
     )
+
+
+def whole_problem(system: System, rule: Rule, start: Start, duration: Any) -> InitialValueProblem:
+    """Checked and completed input of a run of one step over the whole duration, or of a step for
+    each row of a table of controls.
+    """
+    options = RunOptions(steps=_rows(system, start), duration=duration)
+    return initial_value_problem(system, rule, start, options)
 
 
 def _rows(system: System, start: Start) -> int:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from varint.integration.checkpoint import checkpoint_of
 from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
@@ -28,7 +27,6 @@ from varint.integration.switches.course import Course, Piece, kernel_in
 from varint.integration.switches.follow import first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined
-from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.piece import ANGLE
 from varint.integration.switches.timetable import timetable
 from varint.integration.switches.watching import cut_among, with_events
@@ -76,13 +74,6 @@ def choose_switched_steps(
     problem = problem._replace(h=total, steps=1)
     rules = rules_for(system)
     course = Course(system, rule or list(rules)[-1], problem, table, options.backend)
-    file = None
-    if options.checkpoint is not None:
-        words = words_of(options.backend, tol, options.scale, rule, options.save_every)
-        file = checkpoint_of(options.checkpoint, user, course.rule, problem, stop, watches, **words)
-        kept = kept_choice(file, user)
-        if kept is not None:
-            return kept
     with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
         course.say = say
         unit = first_unit(course)
@@ -98,10 +89,7 @@ def choose_switched_steps(
         motion = with_events(course, pieces, choice.motion, watches)
         if system is not user:
             motion = of_users_scene(user, nodes, motion)
-        choice = replace(choice, motion=_every(motion, options.save_every))
-    if file is not None:
-        keep(file, choice)
-    return choice
+        return replace(choice, motion=_every(motion, options.save_every))
 
 
 def possible(

@@ -138,7 +138,7 @@ def prices_for(system: System, rule: Rule | None) -> tuple[Priced, ...]:
 
 def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
     """Whether the scene has a rate that varies, and nothing is asked that needs equal steps."""
-    return options.checkpoint is None and options.on_failure == "raise" and may_vary(system, rule)
+    return options.on_failure == "raise" and may_vary(system, rule)
 
 
 def may_vary(system: System, rule: Rule | None) -> bool:
