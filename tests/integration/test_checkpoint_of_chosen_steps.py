@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from saved_files import parts_of, put
 from scenes import cartesian_pendulum, double_pendulum, rocking
+from stopped_runs import Stopped
 
 import varint as vi
-from varint.integration import kept
+from varint.integration import interpreted_loop, kept
 
 FORMAT = "varint checkpoint of a motion 1"
 X, Y = vi.coordinates("x"), vi.coordinates("x", "y")
@@ -305,6 +306,54 @@ def test_torn_and_misplaced_files_are_refused_before_any_run(tmp_path, monkeypat
         vi.simulate(system, **asked)
     with pytest.raises(vi.InputError, match="there is no folder"):
         vi.simulate(system, **asked | dict(checkpoint=tmp_path / "no" / "run"))
+
+
+def interrupted(monkeypatch, error, when):
+    """The next run ends with an error at such a part of all its calls of the interpreted loop."""
+    real, calls = interpreted_loop.call, []
+
+    def counted(*arguments):
+        calls.append(1)
+        if when is not None and len(calls) == when:
+            raise error
+        return real(*arguments)
+
+    monkeypatch.setattr(interpreted_loop, "call", counted)
+    return calls
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, Stopped])
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.7])
+@pytest.mark.parametrize("kind", [settling, orbit])
+def test_a_choice_that_is_stopped_leaves_no_file(tmp_path, monkeypatch, error, share, kind):
+    """No part of a run says what a whole one errs by: Ctrl-C ends the choice."""
+    asked = kind(duration=5.0, tol=1e-4, backend="interpreted", save_every=3)
+    path = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        calls = interrupted(patch, error, None)
+        whole, _ = simulate(*asked)
+    with monkeypatch.context() as patch, pytest.raises(error):
+        interrupted(patch, error, max(round(share * len(calls)), 1))
+        simulate(*asked, checkpoint=path)
+    assert not list(tmp_path.iterdir())
+    assert_equal(whole, simulate(*asked, checkpoint=path)[0])
+
+
+def test_a_watched_run_that_ctrl_c_ends_is_returned_and_not_kept(tmp_path, monkeypatch):
+    theta = vi.coordinates("theta")[0]
+    more = dict(backend="interpreted", events={"zero": theta})
+    asked = settling(duration=20.0, tol=1e-4, **more)
+    path = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        calls = interrupted(patch, KeyboardInterrupt, None)
+        whole, _ = simulate(*asked)
+    with monkeypatch.context() as patch:
+        again = interrupted(patch, KeyboardInterrupt, len(calls))
+        part, _ = simulate(*asked, checkpoint=path)
+    assert len(again) == len(calls), "no run is made after Ctrl-C"
+    assert part.stats["interrupted"] and 0 < len(part) < len(whole)
+    assert not list(tmp_path.iterdir())
+    assert_equal(whole, simulate(*asked, checkpoint=path)[0])
 
 
 def test_what_a_killed_call_left_beside_its_file_is_no_file(tmp_path):

@@ -142,7 +142,8 @@ def simulate(
     Returns
     -------
     Trajectory
-        After Ctrl-C the nodes until then, with ``stats["interrupted"]`` true.
+        After Ctrl-C the nodes until then, with ``stats["interrupted"]`` true; where steps are still
+        being chosen, there is nothing to return, and Python's KeyboardInterrupt goes on.
 
     Raises
     ------

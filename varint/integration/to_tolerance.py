@@ -126,6 +126,8 @@ def _watched(
     level = iteration_level(tol, choice.steps)
     if choice.reached:
         motion = _once_more(system, start, options, problem, choice, level)
+        if motion.stats["interrupted"]:
+            return motion, choice
         estimate = choice.estimate + apart_from_proved(motion, choice.motion, options.scale)
         if estimate <= tol:
             return motion, replace(choice, estimate=estimate)

@@ -219,6 +219,8 @@ def choose_steps(
             if motion is None:
                 run = start_run(system, way, problem, began, backend=backend)
                 motion = collect(run, stop=stop, progress=False)
+                if motion.stats["interrupted"]:  # no part of a run says what a whole one errs by
+                    raise KeyboardInterrupt
         except ConvergenceError as error:
             failures.append((steps, error))
             if not smooth and error.trajectory is not None:

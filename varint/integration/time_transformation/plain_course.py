@@ -52,11 +52,15 @@ def physical_run(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRu
     ------
     ConvergenceError, InputError
         Those of `run_prepared`.
+    KeyboardInterrupt
+        By Ctrl-C: no part of a run says what a whole one errs by.
     """
     found = _plain(prepared, problem)
     if found is not None:
         return found
     motion = run_prepared(prepared, problem)
+    if motion.stats["interrupted"]:
+        raise KeyboardInterrupt
     assert motion.fictitious is not None
     account = motion.fictitious.p[:, -1]
     return PhysicalRun(motion.t, motion.q, motion.p, account, lambda: motion)
