@@ -174,11 +174,19 @@ def test_crossings_saved_nodes_and_other_times_are_as_with_equal_steps():
 
 def test_what_needs_equal_steps_gets_them():
     model = vi.models.kepler(e=0.8)
-    divided = run(model, 1e-6, duration=6.0, on_failure="subdivide", backend="compiled")
     explicit = run(model, 1e-6, duration=6.0, rule=vi.composition("kahan-li8"))
-    for motion in (divided, explicit):
-        assert motion.fictitious is None
-        assert error(motion, model.exact(motion.t)[0]) <= 1e-6
+    assert explicit.fictitious is None
+    assert error(explicit, model.exact(explicit.t)[0]) <= 1e-6
+
+
+def test_steps_that_are_chosen_are_solved_whatever_is_to_be_done_about_others():
+    model = vi.models.kepler(e=0.8)
+    plain, divided = (
+        run(model, 1e-6, duration=6.0, **asked) for asked in ({}, {"on_failure": "subdivide"})
+    )
+    assert divided.fictitious is not None and divided.q.tobytes() == plain.q.tobytes()
+    with pytest.raises(vi.InputError, match="on_failure must be 'raise' or 'subdivide'"):
+        run(model, 1e-6, duration=6.0, on_failure="go on")
 
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-4])

@@ -134,9 +134,9 @@ def test_pulses_are_looked_for_over_jumps_where_a_run_could_be_the_last(monkeypa
 
     monkeypatch.setattr(refinement, "missed_impulse", look)
     q, v, t = *vi.coordinates("y"), vi.time()
-    force = 0.1 * ca.sign(ca.sin(3 * t))  # steps go across its jumps where they may be divided
+    force = 0.1 * ca.sign(ca.sin(3 * t))  # steps go across its jumps where they are interpreted
     ball = vi.System(q, v, v**2 / 2 - 9.81 * q, force=force, contact=q, restitution=0.8, t=t)
-    asked = dict(duration=1.3, tol=1e-4, on_failure="subdivide")
+    asked = dict(duration=1.3, tol=1e-4, backend="interpreted")
     motion = vi.simulate(ball, q0=1.0, v0=0.0, **asked)
     assert motion.stats["error_estimate"] < 1e-4
     assert 1 <= len(looks) < motion.stats["runs"] - 2

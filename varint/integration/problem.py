@@ -135,6 +135,12 @@ def _refuse_too_many(steps: float) -> None:
         )
 
 
+def check_on_failure(on_failure: Any) -> None:
+    """Refuse what is no way to go on after a step that fails."""
+    if on_failure not in ("raise", "subdivide"):
+        raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
+
+
 def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     """Controls of every step, (steps, r, k) with r = 1 where they are constant on a step."""
     k = system.structure.controls

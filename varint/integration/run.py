@@ -21,7 +21,7 @@ from varint.integration.backend import (
 )
 from varint.integration.hard_steps import loop_that_took_over
 from varint.integration.plan import Plan
-from varint.integration.problem import InitialValueProblem
+from varint.integration.problem import InitialValueProblem, check_on_failure
 from varint.integration.state import NodeBlock
 from varint.integration.trajectories import (
     Run,
@@ -73,8 +73,7 @@ def start_run(
     InputError
         If the backend or `on_failure` is unknown or not possible here.
     """
-    if on_failure not in ("raise", "subdivide"):
-        raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
+    check_on_failure(on_failure)
     kernel: Kernel | None = None
     loop_in: Callable[[ActiveSet], Kernel | None] | None = None
     blocks_from: BlocksFrom

@@ -135,7 +135,8 @@ def simulate(
     on_failure : {"raise", "subdivide"}
         ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts, until they agree
         with half as many. They become nodes, and `Trajectory.events` tells of it; controls within
-        the step are the polynomial through those at its nodes. The step changes there, so a
+        the step are the polynomial through those at its nodes. Where steps are chosen, all of them
+        are solved, and nothing changes. The step changes there, so a
         symplectic rule loses its long-time guarantees locally: for a rare close approach, not for a
         step that is too large everywhere.
 

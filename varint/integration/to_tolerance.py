@@ -21,6 +21,7 @@ from varint.integration.problem import (
     InitialValueProblem,
     RunOptions,
     Start,
+    check_on_failure,
     initial_value_problem,
 )
 from varint.integration.rule_choice import iteration_level
@@ -64,6 +65,8 @@ def simulate_to_tolerance(
             "give duration (alone, or with tol: steps are chosen for that accuracy), or two of h, "
             "steps, duration"
         )
+    check_on_failure(options.on_failure)
+    options = options._replace(on_failure="raise")  # steps that are chosen are solved
     tol = DEFAULT_TOL if options.tol is None else options.tol
     every = positive_integer("save_every", options.save_every)
     stop, watches = watches_of(options.until, options.events)
@@ -89,14 +92,14 @@ def simulate_to_tolerance(
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
-            how["grows"] = not watches and options.on_failure == "raise" and every == 1
+            how["grows"] = not watches and every == 1
             return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:
             choice = choose(problem, options)
         else:
             choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
-    if not watches and options.on_failure == "raise":
+    if not watches:
         motion = choice.motion
         if choice.level:
             leap = energy_leap(motion, tol)

@@ -40,7 +40,7 @@ def switched_steps(
 
     Its nodes are those of the grid, of events and of switches.
     """
-    simple = problem.level == 0 and options.checkpoint is None
+    simple = problem.level == 0 and options.checkpoint is None and options.on_failure == "raise"
     if not (simple and possible(system, rule, problem, options)):
         return None
     user, nodes, save_every = system, rule.nodes, problem.save_every

@@ -106,7 +106,6 @@ def possible(
         not (system.structure.contacts and system.structure.nonholonomic)
         and len(rows) == system.structure.constraints
         and (rule is None or rule in known)
-        and options.on_failure == "raise"
         and options.backend != "interpreted"
     )
 

@@ -85,7 +85,7 @@ def choose_varying_steps(
     The look ahead sees no more than the beginning: a run with equal steps that went `astray` later
     on shows whether the rate varies till there, or has shown which one of `kinds_of`.
     """
-    if not _possible(system, rule, options) or problem.steps > 1:
+    if not may_vary(system, rule) or problem.steps > 1:
         return None
     total, v, t0, c = problem.h, start_velocity(system, problem, start.v0), problem.t0, problem.c
     if astray is None:
@@ -134,11 +134,6 @@ def prices_for(system: System, rule: Rule | None) -> tuple[Priced, ...]:
     if rule is not None:
         return priced({rule: 1.0})
     return priced({r: work for r, work in candidates(system, True).items() if r.points})
-
-
-def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
-    """Whether the scene has a rate that varies, and nothing is asked that needs equal steps."""
-    return options.on_failure == "raise" and may_vary(system, rule)
 
 
 def may_vary(system: System, rule: Rule | None) -> bool:
