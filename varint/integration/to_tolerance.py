@@ -78,9 +78,7 @@ def simulate_to_tolerance(
         switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
         if switched is not None:
             return with_estimate(switched.motion, switched, tol, began)
-    # scenes without switches are over before anyone could wait
-    wanted = options.progress if has_switches(system) else False
-    with notice(f"looking for the steps of tol={tol:g}", wanted):
+    with notice(f"looking for the steps of tol={tol:g}", options.progress):
 
         def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
             varying = partial(choose_varying_steps, system, rule, problem, start, options, tol)
