@@ -136,3 +136,21 @@ def test_every_so_many_nodes_are_kept_that_are_asked_for(every):
         assert getattr(some, name).tobytes() == getattr(whole, name)[kept].tobytes()
     assert some.fictitious.t.tobytes() == whole.fictitious.t[kept].tobytes()
     assert some.at(33.3).q == pytest.approx(whole.at(33.3).q, abs=1e-12)
+
+
+@pytest.mark.parametrize("progress", [False, True], ids=["core", "Python"])
+@pytest.mark.parametrize(
+    ("x", "v", "duration"),
+    [
+        (0.9351644902028533, 0.37832380010563227, 7.003520193278059),
+        (0.8787452459042107, 0.35913744939953984, 8.157774305696023),
+        (0.8497565015670775, 0.49922244160678225, 8.421740189800442),
+    ],
+)
+def test_a_motion_ends_at_the_time_that_was_asked_for(x, v, duration, progress):
+    """To the last digit: it was 1e-14 before, where none could be asked for between its ends."""
+    asked = {"q0": [x, 0.0], "v0": [0.0, v], "duration": duration, "tol": 1e-3}
+    motion = vi.simulate(vi.models.kepler().system, **asked, progress=progress)
+    assert motion.fictitious is not None and motion.t[-1] == duration
+    between = motion.at(np.linspace(0, duration, 7))
+    assert np.abs(between.q[-1] - motion.q[-1]).max() < 1e-12

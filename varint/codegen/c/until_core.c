@@ -12,6 +12,7 @@
 #define AT_ONCE 64       /* steps before it is seen whether the clock goes on */
 #define LOCATED 0x1p-50  /* of the time: the end is there */
 #define FINER 1e-3       /* of what iterations leave of a step, by which the clock may be off, too: it is known no better */
+#define ENDED 1e-13      /* of the duration: less is round-off of the clock, and the end is that of the duration */
 #define REACHED 1e-9     /* of the duration: the end is located */
 #define AT_LEVEL 6       /* looks at the clock whose steps are solved no further than others */
 #define SAMPLES 32       /* energies that are looked at */
@@ -101,7 +102,7 @@ static int end_at(const Until *a, int64_t kept, const double *paces, double *car
         if ((tau - low) * (high - tau) < 0) tau = (low + high) / 2;
     }
     memcpy(after, ends + width, width * sizeof(double));
-    if (fabs(off) <= close) after[n - 1] = a->total;
+    if (fabs(off) <= fmax(close, ENDED * fabs(a->total))) after[n - 1] = a->total;
     return fabs(off) <= REACHED * fabs(a->total) ? DONE : NOT_CONVERGED;
 }
 
