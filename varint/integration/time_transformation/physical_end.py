@@ -32,7 +32,7 @@ CAREFUL = 0.95  # of the steps that this rate asks for, so that the end is not p
 MARGIN = 1.02
 SHARE = 8  # of the steps so far, that come next where it takes more than these
 REACHED = 1e-9  # of the duration: its end is located
-ENDED = 1e-13  # of the duration: less is round-off of the clock, and the end is that of the duration
+ENDED = 1e-13  # of the duration: less is round-off of the clock, and the end is its own
 # steps after which a chunk of them is the last one, at whose pace it were so many more to the end:
 # the motion comes to where it has no end of turns, and no run leads farther
 MANY, ENDLESS = 2**16, 60_000_000
