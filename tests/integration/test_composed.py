@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scenes import slopes
+from scipy.integrate import solve_ivp
 
 import varint as vi
 
@@ -168,11 +169,98 @@ def test_derivatives_of_a_run_are_those_of_differences():
     )
 
 
-def test_compositions_that_are_not_of_equal_kind_and_forced_defaults_are_refused():
+def test_compositions_that_are_not_of_equal_kind_are_refused():
     with pytest.raises(vi.InputError, match="cannot carry non-holonomic"):
         vi.plan(KNIFE.system, vi.composition("blanes-moan4"))
-    q, v = vi.coordinates("x", "y")
-    rows = ca.horzcat(ca.sin(q[0]), 1)
-    slowed = vi.System(q, v, ca.sumsqr(v) / 2, nonholonomic=rows, force=-0.1 * v)
-    motion = vi.simulate(slowed, q0=[0, 0], v0=[1, 0], duration=1.0, tol=1e-6)
-    assert motion.rule == vi.midpoint()  # steps backwards blow up what decays
+
+
+def blade(drag: float = 0.0, controlled: bool = False, clock: bool = False) -> vi.System:
+    """A blade that goes where it points, pushed and turned."""
+    (q, v), t = vi.coordinates("x", "y", "theta"), vi.time()
+    u = ca.SX.sym("u", 2) if controlled else None
+    push = u if controlled else ca.vertcat(0.2 * (ca.cos(t) if clock else 1), 0.1)
+    rows = ca.horzcat(-ca.sin(q[2]), ca.cos(q[2]), 0)
+    force = ca.vertcat(push[0] * ca.cos(q[2]), push[0] * ca.sin(q[2]), push[1]) - drag * v
+    kinetic = (v[0] ** 2 + v[1] ** 2 + 0.3 * v[2] ** 2) / 2
+    return vi.System(q, v, kinetic, nonholonomic=rows, force=force, control=u, t=t)
+
+
+ON_ITS_WAY = {"q0": [0.0, 0.0, 0.2], "v0": [np.cos(0.2), np.sin(0.2), 0.3]}
+
+
+def along_the_blade(drag: float, pushes: np.ndarray, duration: float) -> np.ndarray:
+    """Its end by the equations of speed along the blade and rate of turning."""
+    state = np.array([0.0, 0.0, 0.2, 1.0, 0.3])
+    for push, turn in pushes:
+
+        def rate(_, y, push=push, turn=turn):
+            x = y[3] * np.cos(y[2]), y[3] * np.sin(y[2]), y[4]
+            return [*x, push - drag * y[3], (turn - drag * y[4]) / 0.3]
+
+        span = (0.0, duration / len(pushes))
+        state = solve_ivp(rate, span, state, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    return state[:3]
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.3, 3.0, 30.0])
+def test_forced_rows_meet_a_tolerance_by_few_steps_of_high_order(drag):
+    """Steps backwards blow up what decays, by no more than such steps do forwards."""
+    asked = ON_ITS_WAY | {"duration": 10.0}
+    exact = along_the_blade(drag, np.array([[0.2, 0.1]]), 10.0)
+    for tol in (1e-6, 1e-9):
+        motion = vi.simulate(blade(drag), **asked, tol=tol)
+        size = np.abs(motion.q).max()
+        assert motion.rule.order >= 6 and motion.stats["steps"] < 4000
+        assert np.abs(motion.q[-1] - exact).max() <= tol * size
+
+
+@pytest.mark.parametrize("rows", [1, 4, 20])
+def test_a_table_of_controls_beside_rows_is_followed_by_compositions(rows):
+    table = np.random.default_rng(rows).uniform(-1, 1, (rows, 2))
+    given = table if rows > 1 else table[0]
+    motion = vi.simulate(blade(0.1, True), **ON_ITS_WAY, duration=8.0, tol=1e-9, u=given)
+    exact = along_the_blade(0.1, table, 8.0)
+    assert motion.rule.order >= 6 and motion.stats["steps"] < 1000
+    assert np.abs(motion.q[-1] - exact).max() <= 1e-9 * np.abs(motion.q).max()
+
+
+def test_controls_of_composed_steps_are_the_same_in_all_loops_and_in_derivatives():
+    system, rule = blade(0.1, True), vi.composition("kahan-li8")
+    table = np.repeat(np.random.default_rng(1).uniform(-1, 1, (4, 2)), 8, axis=0)
+
+    def run(backend, u=table):
+        return vi.simulate(system, rule, **ON_ITS_WAY, duration=8.0, steps=32, u=u, backend=backend)
+
+    ways = [run(x) for x in ("interpreted", "native", "compiled")]
+    assert ways[1].q.tobytes() == ways[2].q.tobytes()
+    assert np.abs(ways[0].q - ways[1].q).max() < 1e-12
+    between = np.linspace(0.1, 7.9, 9)
+    assert np.abs(ways[0].at(between).q - ways[1].at(between).q).max() < 1e-11
+    loss = system.q[0] ** 2 + system.control[0] ** 2 + system.v[1]
+    found, change = vi.gradient(ways[1], loss), np.zeros_like(table)
+    change[5, 0] = 1e-5
+    beside = [vi.gradient(run("native", table + way * change), loss).value for way in (1, -1)]
+    assert found.u[5].ravel()[0] == pytest.approx((beside[0] - beside[1]) / 2e-5, rel=1e-7)
+
+
+def test_explicit_time_beside_rows_acts_at_the_times_of_composed_steps():
+    asked = ON_ITS_WAY | {"duration": 5.0}
+    fine = vi.simulate(blade(0.2, clock=True), vi.composition("kahan-li8"), **asked, steps=400)
+    motion = vi.simulate(blade(0.2, clock=True), **asked)
+    assert motion.rule.order >= 6 and motion.stats["steps"] < 400
+    assert np.abs(motion.q[-1] - fine.q[-1]).max() < 1e-9 * np.abs(fine.q).max()
+
+
+def test_a_pendulum_in_phase_space_whose_damper_is_not_linear_takes_composed_steps():
+    x, v = vi.coordinates("q", "p")
+    drag = 0.1 * v[0] * ca.sqrt(v[0] ** 2 + 1e-2)
+    hamiltonian = x[1] ** 2 / 2 - 9.81 * ca.cos(x[0])
+    scene = vi.System(x, v, x[1] * v[0] - hamiltonian, force=ca.vertcat(-drag, 0))
+    with pytest.warns(UserWarning, match="degenerate"):
+        motion = vi.simulate(scene, q0=[1.0, 0.0], duration=10.0)
+
+    def rate(_, y):
+        return [y[1], -9.81 * np.sin(y[0]) - 0.1 * y[1] * np.sqrt(y[1] ** 2 + 1e-2)]
+
+    exact = solve_ivp(rate, (0, 10), [1.0, 0.0], method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    assert motion.stats["steps"] < 5000 and np.abs(motion.q[-1] - exact).max() < 1e-9

@@ -189,6 +189,20 @@ def test_steps_that_are_chosen_are_solved_whatever_is_to_be_done_about_others():
         run(model, 1e-6, duration=6.0, on_failure="go on")
 
 
+@pytest.mark.parametrize("rows", [3, 30, 300])
+def test_a_table_of_controls_takes_the_steps_that_its_rows_ask_for(rows):
+    """A row a time unit, in which the pendulum turns by π."""
+    q, v = vi.coordinates("theta")
+    u = ca.SX.sym("u")
+    scene = vi.System(q, v, v**2 / 2 + np.pi**2 * ca.cos(q), control=u, force=u - 0.1 * v)
+    table = np.random.default_rng(rows).uniform(-1, 1, (rows, 1))
+    asked = {"q0": 0.5, "v0": 0.0, "duration": float(rows)}
+    motion = vi.simulate(scene, **asked, u=table, tol=1e-6)
+    fine = vi.simulate(scene, vi.gauss(8), **asked, steps=16 * rows, u=table.repeat(16, axis=0))
+    assert motion.stats["steps"] % rows == 0 and motion.stats["steps"] <= 40 * rows
+    assert np.abs(motion.q[-1] - fine.q[-1]).max() <= 1e-6 * np.ptp(motion.q)
+
+
 @pytest.mark.parametrize("tol", [1e-3, 1e-4])
 def test_a_potential_with_a_kink_is_met_by_the_shrinkage_that_shows(tol):
     q, v = vi.coordinates("x")

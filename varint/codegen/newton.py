@@ -147,7 +147,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
     raises NotCompilable.
     """
     s, base = system.structure, base_of(system, rule)
-    parts = shares(system, rule) if base else [(1.0, 0.0)]
+    parts, given = shares(system, rule) if base else [(1.0, 0.0)], len(rule.nodes)
     rule = base or rule
     held = bool(s.constraints or s.nonholonomic)
     if s.contacts or not rule.points or (held and not s.quadratic_kinetic):
@@ -194,7 +194,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         ca.vertcat(e.c, e.h, e.scale, e.sizes),
         functions,
         _counts(system, rule, e, solve, projection, eliminates, forced)
-        | {"HISTORY": history, "PARTS": len(parts)},
+        | {"HISTORY": history, "PARTS": len(parts), "GIVEN": given},
         {
             "LAST_CORRECTION": solve.last_correction,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,

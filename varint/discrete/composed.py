@@ -27,7 +27,7 @@ def base_of(system: System, rule: Rule) -> Rule | None:
     rule has a step of its own.
     """
     s = system.structure
-    if rule.points or not (s.nonholonomic or s.degenerate) or s.contacts or s.controls:
+    if rule.points or not (s.nonholonomic or s.degenerate) or s.contacts:
         return None
     if not of_verlet(rule):
         return None

@@ -242,7 +242,7 @@ def refine(
             if hopeless and steps >= HOPELESS and over_jumps:
                 break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
-            if 1 < more < 2 and steps % 4 == 0:
+            if 1 < more < 2 and steps // start.steps % 4 == 0:  # whole ones in rows of a table
                 steps = steps * math.ceil(4 * more) // 4
             else:
                 steps *= LEAP if leaps and more >= LEAP and order >= CAUTION * rule.order else 2

@@ -16,7 +16,6 @@ import numpy as np
 from varint.codegen.frozen import freezes
 from varint.discrete.composed import base_of, shares, steps_by_gauss
 from varint.integration.cost import interpreted_seconds
-from varint.integration.energy_check import keeps_energy
 from varint.integration.plan import default_rule
 from varint.integration.problem import LEVEL
 from varint.rules.rule import Rule, composition, gauss, lobatto
@@ -46,8 +45,7 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
     s = system.structure
     own = default_rule(system)
     if s.nonholonomic or s.contacts or (s.degenerate and not steps_by_gauss(system)):
-        # steps backwards in time blow up what decays: of scenes that keep their energy alone
-        composed = [rule for rule in COMPOSED if base_of(system, rule) and keeps_energy(system)]
+        composed = [rule for rule in COMPOSED if base_of(system, rule)]
         return {own: 1.0} | {rule: COMPOSED_WORK * len(shares(system, rule)) for rule in composed}
     if freezes(system):  # matrices are full, and grow with the square of the degree
         return {lobatto(3): 1.0}
@@ -125,6 +123,14 @@ def cheapest_of(rules: tuple[Priced, ...], radians: float, tol: float) -> Priced
     """`choose_rule` of rules whose errors are known."""
     costs = _costs(rules, max(radians, 1.0) / tol)
     return rules[costs.index(min(costs))]
+
+
+def choose_rule_for_rows(rules: dict[Rule, float], rows: int, radians: float, tol: float) -> Rule:
+    """`choose_rule` of runs with as many steps in each of so many rows of a table."""
+    known = priced(rules)
+    steps = [rows * math.ceil(first_steps(x, radians, tol) / rows) for x in known]
+    costs = [x.work * count for x, count in zip(known, steps, strict=True)]
+    return known[costs.index(min(costs))].rule
 
 
 @cache

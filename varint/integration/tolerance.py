@@ -45,6 +45,7 @@ from varint.integration.rule_choice import (
     RADIANS,
     candidates,
     choose_rule,
+    choose_rule_for_rows,
     iteration_level,
 )
 from varint.integration.run import collect, short_run, start_run
@@ -128,12 +129,15 @@ def choose_steps(
     check_steps(start.t0, start.h * start.steps, 1)
     fastest, mass = fastest_at_start(system, own, start)
     turned = radians, begin = angles_turned(start.h * start.steps, fastest, ahead)
-    if rule is None and start.steps == 1:
+    if rule is None and start.u.shape[1] <= 1:
         by_stages = runs_by_stages(system, gauss(8), backend)
         compiled = backend == "compiled" or (
             backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
         )
-        own = choose_rule(candidates(system, compiled, by_stages), begin, tol)
+        rules = candidates(system, compiled, by_stages)
+        own = choose_rule(rules, begin, tol)
+        if start.steps > 1:  # of a table, in each of whose rows some steps are
+            own = choose_rule_for_rows(rules, start.steps, begin, tol)
         once = (radians > TURNS and is_one_map(system, MAPPED)) or (
             backend == "auto" and runs_driven(system)
         )
@@ -240,7 +244,8 @@ def choose_steps(
         found = attempt(chosen, steps, *how, **more)
         return None if found is None else found[0]
 
-    first = max(FEWEST, 2 ** math.ceil(math.log2(max(begin / RADIANS, 1.0))))
+    first = max(FEWEST, math.ceil(begin / RADIANS)) / start.steps  # in a row of a table
+    first = 2 ** math.ceil(math.log2(max(first, 1.0)))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
         if by_two_runs:

@@ -191,7 +191,8 @@ def problem_again(
     """The problem of the steps from k0 to k1, and the loop that took them."""
     if motion.sizes is not None:
         raise InputError(
-            "steps of this run differ in size and not every one was kept: run it with save_every=1"
+            "steps of this run differ in size and not every one was kept: run it without at= and "
+            "save_every="
         )
     problem = InitialValueProblem(
         motion.q[a],

@@ -1,6 +1,6 @@
 /* Newton's method on the equations of a step, from extrapolated start values, with compensated updates of q and p.
 
-   Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
+   Defined before this file: N, NU, NODES, GIVEN (controls of a step), Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions: as data (newton_scene.h), or compiled apart (newton_apart.h), so
    that this loop is compiled once for all scenes of a size. newton_step.c is a step; where the unknowns are few it is compiled
    with the scene, whose functions take less time there than to be called. CLOSED: `equations` gives the correction; else the
@@ -164,7 +164,7 @@ int run(const RunArguments *a) {
         if ((int64_t)*state.age % WINDOW == 0) rescale(scale, state.seen), prepare(k, w, units, inverse, matrix, pivots);
         if (++part < PARTS) continue;
         part = 0;
-        r.u += NODES * NU;
+        r.u += GIVEN * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
             if (rests) rests += 2 * N, COPY(rests, state.rest_q, N), COPY(rests + N, state.rest_p, N);

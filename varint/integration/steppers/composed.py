@@ -25,14 +25,17 @@ def composed_stepper(system: System, rule: Rule) -> Stepper:
     build, n = constrained_stepper if held else implicit_stepper, system.structure.n
     one = build(system, base)
     sizes = [one.step.numel_in(i) for i in range(one.step.n_in())]
+    same, sizes[1] = sizes[1], system.structure.controls * len(rule.nodes)
     x, u, t, h, c, scale = (ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes))
     after = x
-    for part, begun in shares(system, rule):
-        after = one.step(after, u, t + begun * h, part * h, c, scale)
+    for part, begun in shares(system, rule):  # a step has the same controls all along
+        after = one.step(after, u[:same], t + begun * h, part * h, c, scale)
     inputs = [x, u, t, h, c, scale]
     step = ca.Function("composed", inputs, [after])
     moved = state_parts(after, n).q - state_parts(x, n).q
-    return Stepper(step, one.start, ca.Function("path", inputs, [moved]))
+    q, p = (ca.MX.sym(name, n) for name in "qp")
+    start = ca.Function("start", [q, p, u, t, h, c], [one.start(q, p, u[:same], t, h, c)])
+    return Stepper(step, start, ca.Function("path", inputs, [moved]))
 
 
 def _runs(system: System, rule: Rule) -> tuple[str, ...]:
