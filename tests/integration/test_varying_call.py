@@ -7,7 +7,7 @@ import pytest
 import varint as vi
 from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
 from varint.integration import to_tolerance
-from varint.integration.time_transformation import varying_call
+from varint.integration.time_transformation import physical_time, varying_call
 
 
 def scene() -> vi.System:
@@ -154,3 +154,17 @@ def test_a_motion_ends_at_the_time_that_was_asked_for(x, v, duration, progress):
     assert motion.fictitious is not None and motion.t[-1] == duration
     between = motion.at(np.linspace(0, duration, 7))
     assert np.abs(between.q[-1] - motion.q[-1]).max() < 1e-12
+
+
+@pytest.mark.parametrize("duration", [9.0, -9.0])
+def test_times_between_nodes_are_found_at_once_as_one_round_after_the_other(monkeypatch, duration):
+    motion = vi.simulate(scene(), **start(0.9), duration=duration, t0=2.0)
+    times = 2.0 + duration * np.random.default_rng(1).uniform(0, 1, 40)  # in any order
+    times[:3] = motion.t[[0, -1, len(motion) // 2]]
+    at_once = motion.at(times)
+    monkeypatch.setattr(physical_time, "_reach_at_once", lambda *_: None)
+    slowly = motion.at(times)
+    assert np.abs(at_once.q - slowly.q).max() < 1e-13
+    assert np.abs(at_once.v - slowly.v).max() < 1e-11
+    assert (at_once.k == slowly.k).all()
+    assert (motion[::3].at(times[:5]).t == times[:5]).all()  # nodes more than a step apart

@@ -147,10 +147,11 @@ def held_entry() -> Callable[[bytes], int]:
 
 @cache
 def times_entries() -> tuple[Callable[[bytes], int], ...]:
-    """c/times_core.c: all at once; the shorter steps that go ahead, and where they arrive. Raises
+    """c/times_core.c: all at once; the shorter steps that go ahead, and where they arrive; where a
+    clock shows the times. Raises
     CompileError as `gauss_loop` does.
     """
-    return _by_bytes("times_core.c", "at_times", "go_ahead", "arrive")
+    return _by_bytes("times_core.c", "at_times", "go_ahead", "arrive", "at_clock")
 
 
 @cache

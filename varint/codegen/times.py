@@ -15,6 +15,7 @@ from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _TIMES = struct.Struct("2P5q9P2d2P")  # Times
+_CLOCK = struct.Struct("2P5q9P2d4P")  # ClockTimes
 _WHOLE = np.dtype(np.int64)
 
 
@@ -95,7 +96,7 @@ def states_at_times(
         behind = *grid, room, opening
         return entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, *behind)) == DONE
 
-    at_times, go_ahead, arrive = times_entries()
+    at_times, go_ahead, arrive, _ = times_entries()
     if kernel.opening is None:
         reached = done(at_times, 0, 0, 0)
     else:
@@ -108,3 +109,49 @@ def states_at_times(
             told = kernel.opening(start[:, :n], start[:, n:], None, begin, ahead, c)
             reached = done(arrive, told.shape[1], behind, new_address(told))
     return (q.reshape(count, n), p.reshape(count, n), k) if reached else None
+
+
+def states_at_clock(
+    kernel: Kernel,
+    nodes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    paces: np.ndarray,
+    c: np.ndarray,
+    h: float,
+    times: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Own times, q, p and whole steps before, where the last coordinate shows `times`; None where
+    nodes are more than a step apart, or one of the times cannot be reached.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Of a scene without controls, whose loop is told nothing.
+    nodes : tuple of array
+        t (N,), q and p (N, n), k (N,) of int64.
+    paces : array (N,)
+        The last velocity.
+    c : array
+        Parameters.
+    h : float
+        The step.
+    times : array (M,)
+        Between those that the first and the last node show.
+
+    Raises
+    ------
+    CompileError
+        If this was not built with the package and cannot be compiled.
+    """
+    n, count, many = kernel.n, len(times), len(times) * kernel.n
+    block = np.empty(2 * many + 2 * count)
+    place = cast(kernel.parts, c_void_p).value or 0  # type: ignore[arg-type]
+    counts = n, FIXED_POINT_ITERATIONS, 0, len(nodes[1]), count
+    given = [address_of(x) if x.size else 0 for x in (*nodes, c, times)]
+    at = new_address(block)
+    found = [at + 8 * i for i in (0, many, 2 * many)]
+    more = address_of(paces), at + 8 * (2 * many + count)
+    asked = _CLOCK.pack(place, kernel.scene, *counts, *given, *found, h, 0.0, 0, 0, *more)
+    if times_entries()[3](asked) != DONE:
+        return None
+    q, p, (k, t) = block[:many], block[many : 2 * many], block[2 * many :].reshape(2, count)
+    return t, q.reshape(count, n), p.reshape(count, n), k.view(_WHOLE)

@@ -16,4 +16,11 @@ typedef struct {
     const double *opening; /* what the loop is told, for each shorter step */
 } Times;
 
+/* One whose last coordinate is a clock, and what it is to show; its pace at the nodes, and the own times that are found. */
+typedef struct {
+    Times times;
+    const double *paces;
+    double *found_t;
+} ClockTimes;
+
 #define ROOM_OF_TIMES(n, count) (1 + (count) * (5 * (n) + 4))

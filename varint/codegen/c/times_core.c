@@ -7,12 +7,15 @@
 #define at_times WITH_ALL(at_times, LEVEL)
 #define go_ahead WITH_ALL(go_ahead, LEVEL)
 #define arrive WITH_ALL(arrive, LEVEL)
+#define at_clock WITH_ALL(at_clock, LEVEL)
 #define LANES 1
 #include "lanes.h"
 #include "run.h"
 #include "times.h"
 
 #define ROUNDING (8 * 0x1p-52) /* of times */
+#define LOCATED 0x1p-50        /* of the time that a clock shows, which is known no better */
+#define CLOCK_ITERATIONS 60
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
 
 /* How many shorter steps there are, and for each of them q and p where it starts, its time, its length and the number of the time
@@ -85,4 +88,53 @@ int at_times(const Times *of) {
     const int done = a.room && go_ahead(&a) == DONE && arrive(&a) == DONE;
     free(a.room);
     return done ? DONE : NOT_CONVERGED;
+}
+
+/* The state at an own time of a motion, between its nodes `node` and the next one: q, p and the last velocity, the clock's pace. */
+static int state_at(const ClockTimes *of, int64_t node, double tau, double *row) {
+    const Times *const a = &of->times;
+    const int64_t n = a->n;
+    double start[2 * n], begin = a->t[node], ahead = tau - begin;
+    int64_t good = 0;
+    COPY(start, a->q + n * node, n), COPY(start + n, a->p + n * node, n);
+    if (!(fabs(ahead) > ROUNDING * fmax(fabs(tau), fabs(a->h)))) {
+        COPY(row, start, 2 * n), row[3 * n - 1] = of->paces[node];
+        return 1;
+    }
+    const PartsArguments asked = {.count = 1, .most = a->most, .start = start, .t = &begin, .h = &ahead, .c = a->c, .rows = row, .good = &good, .scene = a->scene};
+    return a->parts(&asked) == DONE && good;
+}
+
+/* Where the clock of a motion, its last coordinate, shows the times, which are in any order: varint/integration/time_transformation/
+   physical_time.py: reach_times. */
+int at_clock(const ClockTimes *of) {
+    const Times *const a = &of->times;
+    const int64_t n = a->n, clock = n - 1;
+    const double sign = a->h > 0 ? 1 : -1;
+    double row[3 * n];
+    for (int64_t i = 0, node = 0; i < a->count; i++) {
+        const double time = a->times[i];
+        if (i && !(sign * (time - a->times[i - 1]) >= 0)) node = 0;
+        while (node + 2 < a->nodes && sign * a->q[n * (node + 1) + clock] <= sign * time) node++;
+        const double from = a->q[n * node + clock], passed = a->q[n * (node + 1) + clock] - from, begin = a->t[node],
+                     end = a->t[node + 1], rise = end - begin, x = (time - from) / passed, y = 1 - x,
+                     near = LOCATED * fmax(fabs(time), fabs(passed));
+        if (a->k[node + 1] - a->k[node] > 1) return NOT_CONVERGED;
+        double tau = begin + x * (x * (3 - 2 * x) * rise + passed * y * (y / of->paces[node] - x / of->paces[node + 1])), low = begin, high = end;
+        int found = 0;
+        for (int k = 0; k < CLOCK_ITERATIONS && !found; k++) {
+            if (!state_at(of, node, tau, row)) return NOT_CONVERGED;
+            const double off = time - row[clock], step = off / row[3 * n - 1];
+            found = fabs(off) <= near || fabs(step) <= LOCATED * fmax(fabs(tau), fabs(rise));
+            if (found) break;
+            if (step * rise > 0) low = tau;
+            else high = tau;
+            tau += step;
+            if ((tau - low) * (high - tau) < 0) tau = (low + high) / 2;
+        }
+        if (!found) return NOT_CONVERGED;
+        COPY(a->found_q + n * i, row, n), COPY(a->found_p + n * i, row + n, n);
+        a->found_k[i] = a->k[node], of->found_t[i] = tau;
+    }
+    return DONE;
 }

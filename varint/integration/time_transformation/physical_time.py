@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
-from varint.integration.many_steps import steps_again
+from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.state import NodeBlock
 from varint.integration.trajectories import Run, moving_system, trajectory_of
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import CLOCK_ITERATIONS
 from varint.results.dense_output import require_within, steps_ahead
-from varint.results.records import Event
+from varint.results.records import Event, changed
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 
@@ -149,9 +149,38 @@ def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:
     clock = inner.q[:, -1]
     direction = 1.0 if inner.h > 0 else -1.0
     wanted = times - motion.t[0] + clock[0]
-    node = np.searchsorted(direction * clock, direction * wanted, side="right") - 1
-    node = np.clip(node, 0, max(len(inner) - 2, 0))
-    left, right = inner[node], inner[np.minimum(node + 1, len(inner) - 1)]
-    tau, q, p, k = reach_times(_clock_of(left), _clock_of(right), wanted, partial(carry_on, left))
-    found = replace(left, t=tau, q=q, p=p, k=k)
+    at_once = _reach_at_once(inner, np.ascontiguousarray(wanted))
+    if at_once is None:
+        node = np.searchsorted(direction * clock, direction * wanted, side="right") - 1
+        node = np.clip(node, 0, max(len(inner) - 2, 0))
+        left, right = inner[node], inner[np.minimum(node + 1, len(inner) - 1)]
+        ends = _clock_of(left), _clock_of(right)
+        at_once = reach_times(*ends, wanted, partial(carry_on, left))
+    tau, q, p, k = at_once
+    found = changed(inner, t=tau, q=q, p=p, k=k, events=())
     return replace(in_physical_time(motion.system, motion.t[0] - clock[0], found), t=times)
+
+
+def _reach_at_once(inner: Trajectory, wanted: np.ndarray) -> tuple[np.ndarray, ...] | None:
+    """`reach_times` in one call of the core; None where another way is to be taken."""
+    from varint.codegen.cache import CompileError
+    from varint.codegen.times import states_at_clock
+    from varint.integration.compiled_loop import kernel_in_gear
+
+    if getattr(inner.functions.ends, "func", None) is not in_gear or inner.u.shape[2]:
+        return None
+    if len(inner) < 2:
+        return None
+    if inner.active_set is not None or inner.sizes is not None or inner.system.rays:
+        return None
+    kernel = kernel_in_gear(inner.system, inner.rule)
+    if kernel is None or kernel.opening:
+        return None
+    nodes = inner.t, inner.q, inner.p, inner.k
+    if not all(x.flags.c_contiguous for x in nodes) or inner.k.dtype != np.int64:
+        return None
+    paces = np.ascontiguousarray(inner.v[:, -1])
+    try:
+        return states_at_clock(kernel, nodes, paces, inner.c, inner.h, wanted)
+    except CompileError:
+        return None
