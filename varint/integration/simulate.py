@@ -228,6 +228,31 @@ def simulate(
         from varint.integration.events.crossings import parse_watches
 
         parse_watches(events)  # refuses what is no mapping
+    again: partial[Trajectory] | None = None
+    if not (stepped or (u is None and checkpoint is None)):
+        again = partial(
+            simulate,
+            rule=rule,
+            q0=q0,
+            v0=v0,
+            p0=p0,
+            duration=duration,
+            t0=t0,
+            save_every=save_every,
+            at=at,
+            tol=tol,
+            scale=scale,
+            progress=progress,
+            backend=backend,
+            on_failure=on_failure,
+        )
+    if again and u is not None and time_scale is None and until is None and events is None:
+        from varint.integration.steady_controls import with_steady_controls
+
+        kept = partial(again, checkpoint=checkpoint)
+        motion = with_steady_controls(system, u, params, kept)
+        if motion is not None:
+            return motion
     if plain and time_scale is None and backend == "auto":
         if stepped:
             known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
@@ -276,29 +301,11 @@ def simulate(
 
         motion = simulate_transformed(system, rule, time_scale, start, options)
     elif h is None and steps is None:
-        if checkpoint is not None:
-            make = partial(
-                simulate,
-                system,
-                rule,
-                q0=q0,
-                v0=v0,
-                p0=p0,
-                duration=duration,
-                t0=t0,
-                u=u,
-                params=params,
-                save_every=save_every,
-                at=at,
-                until=until,
-                events=events,
-                tol=tol,
-                scale=scale,
-                progress=progress,
-                backend=backend,
-                on_failure=on_failure,
-            )
-            return _kept().kept_motion(make, system, rule, start, options, times, began)
+        if again and checkpoint is not None:
+            from varint.integration.kept import kept_motion
+
+            make = partial(again, system, u=u, params=params, until=until, events=events)
+            return kept_motion(make, system, rule, start, options, times, began)
         motion = _to_tolerance().simulate_to_tolerance(system, rule, start, options, tried, began)
     else:
         try:
@@ -353,13 +360,6 @@ def _to_tolerance() -> ModuleType:
     from varint.integration import to_tolerance
 
     return to_tolerance
-
-
-@cache
-def _kept() -> ModuleType:
-    from varint.integration import kept
-
-    return kept
 
 
 def _own(x: Any) -> Any:
