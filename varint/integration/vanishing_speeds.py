@@ -16,7 +16,7 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 RESTS = 1e-2  # of its largest one: a speed that vanishes
-RESOLVED = 2**24  # steps, of the length of a decay, that are worth it
+RESOLVED = 2**24  # steps, of the length of a decay, times coordinates, that are worth it
 ROUNDED = "write v/sqrt(v·v + s²) for v/|v|, with a speed s that is small for the motion"
 
 
@@ -24,8 +24,8 @@ def is_worth_more_steps(motion: Trajectory | None, steps: int) -> bool:
     """Whether a run of so many ended where forces turn over faster than its steps, and those of
     runs that are worth it follow.
     """
-    rate = rate_at_rest(motion)
-    return motion is not None and steps < rate * abs(motion.h) * steps <= RESOLVED
+    needed = 0.0 if motion is None else rate_at_rest(motion) * abs(motion.h) * steps
+    return motion is not None and steps < needed <= RESOLVED / motion.system.structure.n
 
 
 def rate_at_rest(motion: Trajectory | None) -> float:
