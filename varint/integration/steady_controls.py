@@ -12,14 +12,13 @@ import numpy as np
 
 from varint.errors import ConvergenceError
 from varint.integration.second_looks import has_switches
+from varint.integration.switches.frozen import free_name
 from varint.integration.time_transformation.rate_ahead import kinds_of
 from varint.results.records import changed
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
 from varint.scene.parameters import Parameters, ParameterValues, values_by_name, with_more
 from varint.scene.system import System, given_parameters
-
-NAME = "control"
 
 
 def with_steady_controls(
@@ -67,9 +66,7 @@ def _controls_as_parameters(system: System) -> System | None:
     held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
     if not s.controls or held or system.rays or system.kinetics or has_switches(system):
         return None
-    name, known = NAME, [x.name() for x in ca.symvar(ca.vertcat(system.q, system.v, system.c))]
-    while any(x.startswith(name) for x in (*known, *system.defaults)):
-        name += "_"
+    name = free_name(system, "control")
     params = with_more(system.params or Parameters(), **{name: np.zeros(s.controls)})
     force = ca.substitute(system.force, system.control, params._symbols[name])
     given = {"force": ca.sparsify(force), "params": params, "t": system.t}

@@ -1,16 +1,17 @@
 /* Newton's method on the equations of a step, from extrapolated start values, with compensated updates of q and p.
 
-   Defined before this file: N, NU, NODES, GIVEN (controls of a step), Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
-   tables of start values, PERM and the scene's functions: as data (newton_scene.h), or compiled apart (newton_apart.h), so
-   that this loop is compiled once for all scenes of a size. newton_step.c is a step; where the unknowns are few it is compiled
-   with the scene, whose functions take less time there than to be called. CLOSED: `equations` gives the correction; else the
-   residual and the nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual alone; FROZEN: a matrix near the
-   Jacobian, `frozen`, is factorised once a step, and once more where many corrections follow; MAP: the equations are few, and a
-   step is a constant affine map of q and p, see map.h. KICKED: half kicks stand before and behind the equations. HELD: the
-   momentum is projected onto a hidden constraint of H unknowns, which gives the velocities too where HIDDEN_SPEED is set.
-   INVERTED: the momentum is not linear in the velocities, see legendre.h. FORCED: inertia is constant, and steps are continued
-   by their accelerations. PARTS: a step is composed of so many, of sizes SHARES h, which begin at BEGUN h. */
+   Defined before this file: N, NU, NODES, GIVEN (nodes at which a step has controls), Y (unknowns), C (parameters), SIZES,
+   HISTORY (steps that start values use), the tables of start values, PERM and the scene's functions: as data (newton_scene.h), or
+   compiled apart (newton_apart.h), so that this loop is compiled once for all scenes of a size. newton_step.c is a step; where the
+   unknowns are few it is compiled with the scene, whose functions take less time there than to be called. CLOSED:
+   `equations` gives the correction; else the residual and the nonzeros of the Jacobian, which go to the places `AT` of a
+   band matrix (BELOW, REACH: see below). LINEAR: the equations are linear, the matrix is factorised once and `equations` is
+   their residual alone; FROZEN: a matrix near the Jacobian, `frozen`, is factorised once a step, and once more where many
+   corrections follow; MAP: the equations are few, and a step is a constant affine map of q and p, see map.h. KICKED: half
+   kicks stand before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which
+   gives the velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see
+   legendre.h. FORCED: inertia is constant, and steps are continued by their accelerations. PARTS: a step is composed of so
+   many, of sizes SHARES h, which begin at BEGUN h. */
 
 #include "newton_state.h"
 #include "newton_step.c"

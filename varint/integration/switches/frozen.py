@@ -70,9 +70,9 @@ def frozen_scene(system: System) -> FrozenScene | None:
     params, old, new = s.params or Parameters(), [ca.vertcat(*read.symbols)], []
     many = s.control.numel()
     if many:
-        params = with_more(params, **{(name := _free_name(s, "control")): np.zeros(many)})
+        params = with_more(params, **{(name := free_name(s, "control")): np.zeros(many)})
         new, old = [params._symbols[name]], [s.control, *old]
-    params = with_more(params, **{(name := _free_name(s, "switch")): np.ones(count)})
+    params = with_more(params, **{(name := free_name(s, "switch")): np.ones(count)})
     values = params._symbols[name]
     lagrangian, force, sigma = ca.substitute(expressions, old, [*new, values])
     inertial = ca.which_depends(ca.gradient(lagrangian, s.v), values, 1, False)
@@ -131,7 +131,7 @@ def _read(read: Switches, operations: Operations, inputs: Sequence[ca.SX]) -> li
     return nodes
 
 
-def _free_name(system: System, name: str) -> str:
+def free_name(system: System, name: str) -> str:
     """A name that none of the scene's symbols begins with."""
     s = system
     known = [x.name() for x in ca.symvar(ca.vertcat(s.q, s.v, s.t, s.c, s.control))]
