@@ -58,10 +58,11 @@ def until_last(times: np.ndarray, start: Any, save_every: Any, grid: Grid, resca
 
 def _go_on(times: np.ndarray, direction: float) -> bool:
     """Whether times go on in this direction."""
+    order = le if direction > 0 else ge
     if len(times) <= FEW and isfinite(times[-1]):
         numbers = times.tolist()
-        return all(map(le if direction > 0 else ge, numbers, numbers[1:]))
-    return bool(((times[1:] - times[:-1]) * direction >= 0).all())
+        return all(map(order, numbers, numbers[1:]))
+    return bool(order(times[:-1], times[1:]).all())
 
 
 def _whole(grid: Grid, rescaled: bool) -> float | None:

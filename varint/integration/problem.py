@@ -11,7 +11,7 @@ from varint.errors import InputError
 from varint.integration.start import check_rows, put_on_manifold, start_momentum_of
 from varint.numerics.limits import FIXED_POINT_ITERATIONS, MOST_STEPS, check_memory
 from varint.rules.rule import Rule
-from varint.scene.inputs import number, positive_integer, vector
+from varint.scene.inputs import number, positive_integer, shown, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.rays import start_on_rays
 from varint.scene.restitution import restitution_at
@@ -101,8 +101,8 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
             if x is not None
         ]
         raise InputError(
-            f"give two of h, steps, duration; got {given or 'none of them'} (simulate takes "
-            "duration alone as well, and chooses the steps)"
+            f"give two of h, steps, duration; got {given or 'none of them'} (simulate and "
+            "ensemble take duration alone as well, and choose the steps)"
         )
     steps = None if steps is None else positive_integer("steps", steps)
     _refuse_too_many(steps or 0)
@@ -133,6 +133,12 @@ def _refuse_too_many(steps: float) -> None:
         raise InputError(
             f"steps={steps:.6g} is more than any run can take; at most {MOST_STEPS:.0g}"
         )
+
+
+def check_tolerance(name: str, x: Any) -> None:
+    """Refuse what is no relative error."""
+    if not (isinstance(x, (float, int)) and 0 < x < 1):
+        raise InputError(f"{name} must be a relative error between 0 and 1, got {shown(x)}")
 
 
 def check_on_failure(on_failure: Any) -> None:

@@ -16,10 +16,10 @@ from varint.codegen.built import built_module
 from varint.errors import ConvergenceError, InputError
 from varint.integration.asked_times import only_at, until_last
 from varint.integration.fixed_steps import over_switches_after, simulate_steps
-from varint.integration.problem import LEVEL, RunOptions, Start
+from varint.integration.problem import LEVEL, RunOptions, Start, check_tolerance
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.inputs import shown, times_of
+from varint.scene.inputs import times_of
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, require_system
 
@@ -366,18 +366,13 @@ def _own(x: Any) -> Any:
     return float(x) if type(x) is _FLOAT64 else x
 
 
-def _small(x: Any) -> bool:
-    """Whether it may be a relative error."""
-    return isinstance(x, (float, int)) and 0 < x < 1
-
-
 def _tolerances(
     tol: float | None, iteration_tol: float | None, stepped: bool
 ) -> tuple[float | None, float | None]:
     """tol and iteration_tol; tol beside h or steps is the old name of the latter."""
     for name, x in (("tol", tol), ("iteration_tol", iteration_tol)):
-        if x is not None and not _small(x):
-            raise InputError(f"{name} must be a relative error between 0 and 1, got {shown(x)}")
+        if x is not None:
+            check_tolerance(name, x)
     if not stepped and iteration_tol is not None:
         raise InputError(
             "iteration_tol goes with h or steps; where tol chooses the steps it chooses where "

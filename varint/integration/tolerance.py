@@ -72,6 +72,15 @@ DEFAULT_TOL = 1e-9
 FOLLOW = 3  # times the steps of a run: those that are likely to be made after it
 
 
+def check_reach(tol: float) -> None:
+    """Refuse a tolerance that no run can have, or is to have."""
+    if not LEAST_TOL <= tol <= MOST_TOL:
+        raise InputError(
+            f"tol is the wanted error relative to the motion, between {LEAST_TOL:g} and "
+            f"{MOST_TOL:g}; got {tol!r}"
+        )
+
+
 def choose_steps(
     system: System,
     rule: Rule | None,
@@ -120,11 +129,7 @@ def choose_steps(
     ConvergenceError
         If the motion ends before, whatever the steps.
     """
-    if not LEAST_TOL <= tol <= MOST_TOL:
-        raise InputError(
-            f"tol is the wanted error relative to the motion, between {LEAST_TOL:g} and "
-            f"{MOST_TOL:g}; got {tol!r}"
-        )
+    check_reach(tol)
     began, own = perf_counter(), plan(system, rule).rule
     check_steps(start.t0, start.h * start.steps, 1)
     fastest, mass = fastest_at_start(system, own, start)

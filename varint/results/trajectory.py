@@ -25,7 +25,7 @@ from varint.results.records import (
     made_at_first_look,
 )
 from varint.rules.rule import Rule
-from varint.scene.expressions import in_own_symbols
+from varint.scene.expressions import values_of
 from varint.scene.inputs import times_of
 from varint.scene.rays import make_nodes_unit
 from varint.scene.system import System, parameters_by_name
@@ -250,9 +250,7 @@ class Trajectory:
 
     def function_of(self, expression: Any) -> ca.Function:
         """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
-        s = self.system
-        expression = ca.densify(in_own_symbols(expression, s))
-        return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+        return values_of(self.system, expression)
 
     def evaluated(self, function: ca.Function) -> np.ndarray:
         """Values at every node of what `function_of` returned."""

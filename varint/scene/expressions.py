@@ -75,3 +75,9 @@ def is_written_so(x: ca.SX, known: Written) -> bool:
     if not known.of or x.op() != known.operation:
         return False
     return all(is_written_so(x.dep(i), part) for i, part in enumerate(known.of))
+
+
+def values_of(system: System, expression: Any) -> ca.Function:
+    """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
+    s, own = system, ca.densify(in_own_symbols(expression, system))
+    return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [own], {"cse": True})
