@@ -19,6 +19,12 @@ CALLS = {
         TWO | dict(h=0.1, steps=3, u=0.3, backend="interpreted"),
         (*START_NAMES, "h", "steps", "duration", "save_every", "executor", "progress", "backend"),
     ),
+    "ensemble to a tolerance": (
+        vi.ensemble,
+        (PLAIN,),
+        TWO | dict(duration=0.2, tol=1e-3, at=[0.1, 0.2]),
+        (*START_NAMES, "duration", "save_every", "at", "tol", "executor", "backend", "rule"),
+    ),
     "simulate to a tolerance": (
         vi.simulate,
         (PLAIN,),

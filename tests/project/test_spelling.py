@@ -70,6 +70,7 @@ def test_values_of_parameters_are_the_same_kind_of_thing_in_every_verb():
 def test_a_wanted_accuracy_of_the_motion_alone_is_called_tol():
     assert {name for name, x in ARGUMENTS.items() if "tol" in x} == {
         "varint.simulate",
+        "varint.ensemble",
         "varint.refine",
         "varint.least_action",
         "varint.paths",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from varint.ensembles.chosen import chosen_chunk
+from varint.ensembles.chunk import ARRAYS, Chunk, empty_chunk
 from varint.ensembles.members import Members, is_plain, momenta, start_of
 from varint.errors import ConvergenceError, InputError
 from varint.integration.cost import steps_at_once
@@ -30,44 +30,16 @@ from varint.scene.system import System
 MOST_NUMBERS = 4_000_000  # in the states of one block of nodes
 
 
-@dataclass(frozen=True, eq=False)
-class Chunk:
-    """Some members' motions.
-
-    Attributes
-    ----------
-    first : int
-        Number of the first member.
-    q, p : array (members, N + 1, n)
-        Rows from a member's `good` on are no data.
-    good : array of int (members,)
-        Number of nodes that are solved.
-    step : array of int (members,)
-        Steps done.
-    residual : array (members,)
-        Worst residual of the solved steps.
-    failed : array (members,)
-        Residual of the step that failed (infinite where its values were not finite); −1 where none
-        did.
+def step_chunk(system: System, rule: Rule | None, members: Members, backend: str) -> Chunk:
+    """All members of a chunk; interpreted, each is bit for bit what `simulate` makes of it, as are
+    those whose steps are chosen, for which no rule need be given.
     """
-
-    first: int
-    q: np.ndarray
-    p: np.ndarray
-    good: np.ndarray
-    step: np.ndarray
-    residual: np.ndarray
-    failed: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-
-def step_chunk(system: System, rule: Rule, members: Members, backend: str) -> Chunk:
-    """All members of a chunk; interpreted, each is bit for bit what `simulate` makes of it."""
+    if members.asked is not None:
+        return chosen_chunk(system, rule, members)
+    assert rule is not None  # where steps are given it is the scene's own
     if backend == "compiled":
         return _step_compiled(system, rule, members)
-    chunk = _empty(system, members)
+    chunk = empty_chunk(system, members)
     if not is_plain(system):
         _one_by_one(system, rule, members, chunk)
         return chunk
@@ -75,23 +47,15 @@ def step_chunk(system: System, rule: Rule, members: Members, backend: str) -> Ch
     failed = np.flatnonzero(chunk.failed >= 0)
     if len(failed):  # alone, a member is taken once more from there with sizes of its own
         alone = members.picked(failed)
-        other = _empty(system, alone)
+        other = empty_chunk(system, alone)
         _one_by_one(system, rule, alone, other)
         _replace(chunk, failed, other)
     return chunk
 
 
-def _empty(system: System, members: Members) -> Chunk:
-    count = len(members)
-    shape = (count, len(members.k), system.structure.n)
-    good, step = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
-    q, p, residual, failed = np.zeros(shape), np.zeros(shape), np.zeros(count), np.full(count, -1.0)
-    return Chunk(members.first, q, p, good, step, residual, failed)
-
-
 def _replace(chunk: Chunk, members: np.ndarray, other: Chunk) -> None:
     """Put the motions of another chunk in the place of those of these members."""
-    for name in ("q", "p", "good", "step", "residual", "failed"):
+    for name in ARRAYS:
         getattr(chunk, name)[members] = getattr(other, name)
 
 
@@ -117,7 +81,8 @@ def _step_compiled(system: System, rule: Rule, members: Members) -> Chunk:
         nodes=len(k),
     )
     failed = np.where(good < len(k), np.inf, -1.0)
-    chunk = Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
+    none, unknown = np.zeros(len(members)), np.full(len(members), np.nan)
+    chunk = Chunk(members.first, q, p, good, k[good - 1], none, failed, unknown)
     again = np.flatnonzero(failed >= 0)
     if len(again) and not rule.kicks:
         _replace(chunk, again, step_chunk(system, rule, members.picked(again), "interpreted"))

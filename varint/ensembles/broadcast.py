@@ -72,6 +72,28 @@ def broadcast_controls(system: System, rule: Rule, u: Any, steps: int) -> np.nda
     return value if each else value[None]
 
 
+def broadcast_tables(system: System, u: Any) -> np.ndarray:
+    """Controls of runs whose steps are chosen, (1 or members, rows, k) or (…, rows, r, k): a
+    leading axis only before a whole table, which has one row where they are the same all the time.
+    """
+    k = system.structure.controls
+    value = parsed_or_refused(
+        lambda: np.array(u, dtype=float), lambda: f"u must be numbers, got {type(u).__name__}"
+    )
+    if value.shape in ((), (k,)):
+        value = value.reshape(1, -1)
+    elif value.ndim == 1 and k == 1:
+        value = value[:, None]
+    if k and (value.ndim not in (2, 3, 4) or value.shape[-1] != k or 0 in value.shape):
+        raise InputError(
+            f"u has shape {np.shape(u)}; where steps are chosen it must be ({k},), (rows, {k}) or "
+            f"(members, rows, {k})"
+        )
+    if not np.isfinite(value).all():
+        raise InputError("u is not finite everywhere")
+    return value[None] if value.ndim < 3 else value
+
+
 def name_members(bad: np.ndarray, first: int) -> str:
     numbers = np.flatnonzero(bad) + first
     more = f", … ({len(numbers)} in all)" if len(numbers) > MOST_NAMED else ""

@@ -7,7 +7,8 @@ import warnings
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
-from varint.ensembles.batch import Chunk, control_tables
+from varint.ensembles.batch import control_tables
+from varint.ensembles.chunk import Chunk
 from varint.ensembles.members import Members, is_plain
 from varint.integration.energy_check import HUGE, energies, nodes_astray, nodes_looked_at
 from varint.integration.work_bound import keeps_energy, powers_at, summed_work

@@ -18,7 +18,8 @@ from concurrent.futures import (
 from functools import lru_cache
 from typing import Any
 
-from varint.ensembles.batch import Chunk, step_chunk
+from varint.ensembles.batch import step_chunk
+from varint.ensembles.chunk import Chunk
 from varint.ensembles.members import Members
 from varint.errors import VarintError
 from varint.numerics.plain import plain
@@ -42,7 +43,7 @@ Range = tuple[int, int]
 
 def compute(
     system: System,
-    rule: Rule,
+    rule: Rule | None,
     members: Members,
     todo: list[Range],
     executor: Executor | None,
@@ -90,7 +91,7 @@ def _cut(ranges: list[Range], sizes: list[int]) -> list[Range]:
 
 def _distribute(
     system: System,
-    rule: Rule,
+    rule: Rule | None,
     members: Members,
     queue: list[Range],
     executor: Executor,
@@ -150,12 +151,13 @@ def work(what: str, members: Members) -> Chunk:
 
 
 @lru_cache(maxsize=8)
-def _scene(what: str) -> tuple[System, Rule, str]:
+def _scene(what: str) -> tuple[System, Rule | None, str]:
     """System, rule and backend of a description; kept, so that a worker builds its functions
     once.
     """
     data = json.loads(what)
-    return revive(data["system"]), rule_of(data["rule"]), data["backend"]
+    rule = None if data["rule"] is None else rule_of(data["rule"])
+    return revive(data["system"]), rule, data["backend"]
 
 
 def _is_loss(error: BaseException) -> bool:

@@ -10,10 +10,12 @@ import numpy as np
 
 from varint.discrete.constraints import every_row_function, position_rows_function
 from varint.discrete.inertia import lacks_inertia
+from varint.ensembles.asked import Asked
 from varint.ensembles.broadcast import (
     broadcast_controls,
     broadcast_parameters,
     broadcast_rows,
+    broadcast_tables,
     name_members,
     shaped_parameter,
 )
@@ -34,7 +36,8 @@ class Members:
     """What `run` needs of every member; arrays have members first, or one row for all.
 
     `first` is the number of the first member in the whole ensemble; `v0` is None where momenta were
-    given.
+    given. Where steps are chosen, `asked` says how, and `steps` are the rows of controls, each for
+    a time h.
     """
 
     first: int
@@ -47,6 +50,7 @@ class Members:
     save_every: int
     u: np.ndarray | None
     c: np.ndarray
+    asked: Asked | None = None
 
     def __len__(self) -> int:
         return len(self.q0)
@@ -74,15 +78,28 @@ class Members:
 
     @property
     def k(self) -> np.ndarray:
-        """Whole steps before each saved node."""
+        """Whole steps before each saved node; the nodes' numbers where steps are chosen."""
+        if self.asked is not None:
+            return np.arange(len(self.asked.times))
         k = np.arange(0, self.steps + 1, self.save_every)
         return k if k[-1] == self.steps else np.append(k, self.steps)
 
+    @property
+    def t(self) -> np.ndarray:
+        """Times of the nodes."""
+        return self.t0 + self.h * self.k if self.asked is None else self.asked.times
 
-def members_of(system: System, rule: Rule, start: Start, options: RunOptions) -> Members:
+
+def members_of(
+    system: System, rule: Rule, start: Start, options: RunOptions, asked: Asked | None
+) -> Members:
     """Checked and broadcast input of all members."""
     n = system.structure.n
     q0, v0, p0, t0, params, u = start
+    tables = None if u is None or asked is None else broadcast_tables(system, u)
+    if asked is not None:
+        count = 1 if tables is None else tables.shape[1]
+        options = RunOptions(steps=count, duration=asked.duration)
     step, count = time_grid(options.h, options.steps, options.duration)
     check_steps(number("t0", t0), step, count)
     rows: dict[str, Any] = {
@@ -90,7 +107,9 @@ def members_of(system: System, rule: Rule, start: Start, options: RunOptions) ->
         for name, x in (("q0", q0), ("v0", v0), ("p0", p0))
     }
     values = broadcast_parameters(system, params)
-    rows["u"] = None if u is None else broadcast_controls(system, rule, u, count)
+    rows["u"] = tables
+    if u is not None and tables is None:
+        rows["u"] = broadcast_controls(system, rule, u, count)
     counts = {
         name: len(x) for name, x in {**rows, **values}.items() if x is not None and len(x) > 1
     }
@@ -106,6 +125,12 @@ def members_of(system: System, rule: Rule, start: Start, options: RunOptions) ->
         raise InputError(
             f"the numbers of members differ: {counts}; give each argument {total} rows, or one for "
             "all"
+        )
+    if tables is not None and np.ndim(u) < 3 and len(tables[0]) == total > 1:
+        k = system.structure.controls
+        raise InputError(
+            f"u with shape {np.shape(u)} may be one table of {total} rows for all or one row for "
+            f"each of {total} members; give it as (1, {total}, {k}) or as ({total}, 1, {k})"
         )
     c = np.concatenate(
         [
@@ -128,6 +153,7 @@ def members_of(system: System, rule: Rule, start: Start, options: RunOptions) ->
         options.save_every,
         rows["u"],
         c,
+        asked,
     )
     if is_plain(system) and (v0 is None) != (p0 is None):
         momenta(system, members)
@@ -140,7 +166,10 @@ def members_of(system: System, rule: Rule, start: Start, options: RunOptions) ->
         params={name: shaped_parameter(system, name, x[0]) for name, x in values.items()},
         u=None if u is None else rows["u"][0],
     )
-    problem = initial_value_problem(system, rule, first, options)
+    with warnings.catch_warnings():
+        if asked is not None:  # said with the members' runs
+            warnings.simplefilter("ignore", UserWarning)
+        problem = initial_value_problem(system, rule, first, options)
     kept = count // problem.save_every
     check_memory(f"an ensemble of {count} steps", kept, "keep fewer of them: save_every=…")
     members = replace(members, save_every=problem.save_every)

@@ -4,29 +4,25 @@ statistics.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
-from varint.ensembles.batch import Chunk, on_grid, run_member
+from varint.ensembles.chosen import chosen_member
+from varint.ensembles.chunk import Chunk
 from varint.ensembles.executor import MOST_NUMBERS
-from varint.ensembles.members import Members, options_of, start_of
+from varint.ensembles.members import Members
+from varint.ensembles.single import error_of, member_of, nodes_of
 from varint.errors import ConvergenceError, InputError
-from varint.integration.failures import failure
-from varint.integration.many_steps import steps_again
-from varint.integration.plan import plan
-from varint.integration.problem import controls, initial_value_problem
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.expressions import values_of
 from varint.scene.inputs import finite_array
 from varint.scene.system import System, parameters_by_name
 
@@ -47,16 +43,18 @@ class Ensemble:
 
     Attributes
     ----------
-    system, rule : System, Rule
-        What moved, and by which discretisation.
+    system : System
+        What moved.
+    rule : Rule or None
+        By which discretisation; None where each member has its own, that of ``ensemble[i].rule``.
     members : Members
-        Starts, parameters and controls of the members.
+        Starts, parameters and controls of the members, and where steps are chosen how.
     chunks : sequence of Chunk
         The motions, members in order; read from the disk one by one where the ensemble has a store.
     """
 
     system: System
-    rule: Rule
+    rule: Rule | None
     members: Members
     chunks: Sequence[Chunk]
 
@@ -65,31 +63,44 @@ class Ensemble:
 
     def __repr__(self) -> str:
         failed = f", {len(self.failed)} failed" if len(self.failed) else ""
-        return f"Ensemble({len(self)} members × {len(self.k)} nodes, {self.rule}{failed})"
+        how = self._accuracy or str(self.rule)
+        return f"Ensemble({len(self)} members × {len(self.k)} nodes, {how}{failed})"
 
     def _repr_html_(self) -> str:
         """For notebooks: a short table, and the spread of the first coordinates over time."""
         from varint.drawing.notebook import ensemble_html
 
+        order = self.rule and self.rule.order
         rows = [
             ("members", f"{len(self)}, {len(self.failed)} failed"),
             ("nodes", f"{len(self.k)}, t = {self.t[0]:.6g} … {self.t[-1]:.6g}"),
-            ("rule", f"{self.rule}, order {self.rule.order}, h = {self.h:.6g}"),
+            ("rule", self._accuracy or f"{self.rule}, order {order}, h = {self.h:.6g}"),
         ]
         q = self.system.q[:PANELS] if len(self.completed) else self.system.q[:0]
         shown = self.system.names[: q.numel()]
         levels = [self.quantiles(x, (0.05, 0.25, 0.5, 0.75, 0.95)) for x in ca.vertsplit(q)]
         return ensemble_html(shown, self.t, np.array(levels[: len(shown)]), rows)
 
+    @property
+    def _accuracy(self) -> str:
+        """In words how steps are chosen; nothing where they are given."""
+        if self.members.asked is None:
+            return ""
+        rule = f"{self.rule}, " if self.rule else ""
+        return f"{rule}steps for tol = {self.members.asked.tol:g}"
+
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process: the fields, not what follows from them."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __getitem__(self, i: int) -> Trajectory:
-        """The trajectory of one member, up to its failure if it failed; one with contacts is run
-        again.
+        """The trajectory of one member, up to its failure if it failed; one with contacts, or whose
+        steps are chosen, is run again. With contacts or tables of controls it has all nodes of its
+        own, and else those of the ensemble.
         """
         i = range(len(self))[i]
+        if self.members.asked is not None:
+            return chosen_member(self.system, self.rule, self.members, i)
         at = int(np.searchsorted(self._firsts, i, side="right")) - 1
         return self._motion(self.chunks[at], i - int(self._firsts[at]))
 
@@ -98,75 +109,28 @@ class Ensemble:
 
     def _motion(self, chunk: Chunk, j: int) -> Trajectory:
         """The trajectory of member j of a chunk."""
-        i, m, rule, system = chunk.first + j, self.members, self.rule, self.system
-        s = system.structure
-        if s.contacts:
-            motion = self._again(i)[0]
-            return replace(motion, stats=MappingProxyType({**motion.stats, "member": i}))
-        good = int(chunk.good[j])
-        active_sets: tuple[ActiveSet, ...] = ()
-        active_set = None
-        if s.constraints or s.nonholonomic:
-            with warnings.catch_warnings():  # of redundant rows: said when the ensemble was made
-                warnings.simplefilter("ignore", UserWarning)
-                start, options = start_of(system, m, i), options_of(m)
-                held = initial_value_problem(system, rule, start, options).active_set
-            if held is not None and held.scene(system) is not system:
-                active_sets, active_set = (held,), np.zeros(good, dtype=int)
-        return Trajectory(
-            system=system,
-            rule=rule,
-            t=self.t[:good],
-            q=chunk.q[j, :good],
-            p=chunk.p[j, :good],
-            h=m.h,
-            k=self.k[:good],
-            u=controls(system, rule, m.of("u", i), m.steps),
-            c=m.of("c", i),
-            functions=steps_again(rule),
-            active_sets=active_sets,
-            active_set=active_set,
-            stats=MappingProxyType(
-                {
-                    "plan": self._plan,
-                    "steps": int(chunk.step[j]),
-                    "residual": float(chunk.residual[j]),
-                    "member": i,
-                }
-            ),
-        )
-
-    def _again(self, i: int) -> tuple[Trajectory, ConvergenceError | None]:
-        """A member run once more, and its error if it failed."""
-        try:
-            return run_member(self.system, self.rule, self.members, i), None
-        except ConvergenceError as error:
-            return error.trajectory, error
+        return member_of(self.system, self.rule, self.members, chunk, j)
 
     @property
     def k(self) -> np.ndarray:
-        """Whole steps before each node, (N + 1,)."""
+        """Whole steps before each node, (N + 1,); the nodes' numbers where steps are chosen."""
         return self.members.k
 
     @property
     def t(self) -> np.ndarray:
         """Times of the nodes, (N + 1,)."""
-        return self.members.t0 + self.members.h * self.k
+        return self.members.t
 
     @property
-    def h(self) -> float:
-        """Step size."""
-        return self.members.h
+    def h(self) -> float | None:
+        """Step size; None where each member has its own, that of ``ensemble[i].h``."""
+        return self.members.h if self.members.asked is None else None
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
         """Parameter values by name, members first."""
         rows = [parameters_by_name(self.system, self.members.of("c", i)) for i in range(len(self))]
         return {name: np.array([row[name] for row in rows]) for name in self.system.defaults}
-
-    @cached_property
-    def _plan(self) -> str:
-        return str(plan(self.system, self.rule))
 
     @cached_property
     def _firsts(self) -> np.ndarray:
@@ -189,18 +153,26 @@ class Ensemble:
         return np.setdiff1d(np.arange(len(self)), self.failed)
 
     @cached_property
+    def steps(self) -> np.ndarray:
+        """Steps done by every member, (members,)."""
+        return np.concatenate([chunk.step for chunk in self.chunks])
+
+    @cached_property
+    def error_estimate(self) -> np.ndarray:
+        """Estimated error of every member whose steps were chosen, in parts of its scale,
+        (members,); NaN where h or steps were given, and for members that failed.
+        """
+        return np.concatenate([chunk.estimate for chunk in self.chunks])
+
+    @cached_property
     def errors(self) -> dict[int, ConvergenceError]:
         """The error of every failed member, as `simulate` raises it."""
-        found = {}
-        for chunk in self.chunks:
-            for j in np.flatnonzero(chunk.failed >= 0).tolist():
-                i, left = chunk.first + j, float(chunk.failed[j])
-                error = self._again(i)[1] if self.system.structure.contacts else None
-                left = left if np.isfinite(left) else float("nan")
-                found[i] = error or failure(
-                    self._motion(chunk, j), int(chunk.step[j]), left, "raise"
-                )
-        return found
+        what = self.system, self.rule, self.members
+        return {
+            chunk.first + j: error_of(*what, chunk, j)
+            for chunk in self.chunks
+            for j in np.flatnonzero(chunk.failed >= 0).tolist()
+        }
 
     @cached_property
     def q(self) -> np.ndarray:
@@ -243,22 +215,24 @@ class Ensemble:
         """Values along the members of each chunk at some nodes: never more than one chunk is in
         memory.
         """
-        function = self[0].function_of(expression)
-        s = self.system.structure
+        function, s = values_of(self.system, expression), self.system.structure
         rows, columns = function.size_out(0)
         shape = () if columns == rows == 1 else (rows,) if columns == 1 else (columns, rows)
+        pushed = function.jac_sparsity(0, 3).nnz() > 0  # by controls
         for chunk in self.chunks:
-            if s.controls or s.constraints or s.nonholonomic or s.contacts:
-                motions = (self._motion(chunk, j) for j in range(len(chunk)))
+            if not (pushed or s.constraints or s.nonholonomic or s.contacts):
+                yield chunk, list(self._along(chunk, function, shape, part))
+            else:
+                what = self.system, self.rule, self.members, chunk
+                nodes = (nodes_of(*what, j) for j in range(len(chunk)))
+                nothing = np.empty((0, *shape[::-1]))
                 yield (
                     chunk,
                     [
-                        motion.evaluated(function)[on_grid(self.members, motion)[part]]
-                        for motion in motions
+                        nothing if motion is None else motion.evaluated(function)[at[part]]
+                        for motion, at in nodes
                     ],
                 )
-            else:
-                yield chunk, list(self._along(chunk, function, shape, part))
 
     def _along(
         self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...], part: slice
@@ -269,7 +243,8 @@ class Ensemble:
         c = self.members.c[chunk.first + member]
         q, p, t = chunk.q[:, part][have], chunk.p[:, part][have], self.t[part][node, None]
         v = over_columns(velocity_function(self.system), q, p, t, c)[0]
-        flat = over_columns(function, q, v, t, np.empty((len(t), 0)), c)[0].reshape(-1, *shape)
+        u = np.zeros((len(t), self.system.structure.controls))  # which play no part
+        flat = over_columns(function, q, v, t, u, c)[0].reshape(-1, *shape)
         flat = flat.swapaxes(1, 2) if len(shape) == 2 else flat
         return iter(np.split(flat, np.cumsum(have.sum(axis=1))[:-1]))
 
@@ -301,7 +276,7 @@ class Ensemble:
         wanted = finite_array("levels", levels).reshape(-1)
         if not wanted.size or wanted.min() < 0 or wanted.max() > 1:
             raise InputError(f"levels must lie between 0 and 1, got {levels!r}")
-        size = self[0].function_of(expression).numel_out(0)
+        size = values_of(self.system, expression).numel_out(0)
         # nodes of all members held at once
         width = max(MOST_NUMBERS // max(len(self.completed) * size, 1), 1)
         parts = []
@@ -316,7 +291,8 @@ class Ensemble:
         """
         from varint.drawing.ensemble_figures import ensemble_figure
 
-        title = f"{len(self.completed)} members, {self.rule}, h = {self.h:.4g}"
+        how = self._accuracy or f"{self.rule}, h = {self.h:.4g}"
+        title = f"{len(self.completed)} members, {how}"
         return ensemble_figure(self.system, self.t, self.quantiles, title, *expressions)
 
     def _completed(self, expression: Any, part: slice = ALL) -> Iterator[np.ndarray]:

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from varint.ensembles.batch import Chunk
+from varint.ensembles.asked import Asked
+from varint.ensembles.chunk import ARRAYS, NEW, Chunk, from_arrays
 from varint.ensembles.members import Members
 from varint.ensembles.zarr_store import (
     Group,
@@ -99,19 +100,20 @@ class Folder:
         path = self._path(first, count)
         _, arrays = _read(path)
         wanted = {
-            f.name: (count, *(self.shape if f.name in ("q", "p") else ()))
-            for f in fields(Chunk)[1:]
+            name: (count, *(self.shape if name in ("q", "p") else ()))
+            for name in ARRAYS
+            if name in arrays or name not in NEW
         }
         wrong = [
             name for name, x in wanted.items() if name not in arrays or arrays[name].shape != x
         ]
         if wrong:
             raise InputError(f"{path} is torn or not from varint: {wrong} do not fit; delete it")
-        return Chunk(first, *(arrays[f.name] for f in fields(Chunk)[1:]))
+        return from_arrays(first, arrays)
 
     def add(self, chunk: Chunk) -> None:
         """Write a chunk."""
-        arrays: dict[str, Any] = {f.name: getattr(chunk, f.name) for f in fields(Chunk)[1:]}
+        arrays: dict[str, Any] = {name: getattr(chunk, name) for name in ARRAYS}
         write_atomically(
             self._path(chunk.first, len(chunk)),
             lambda file: write_archive(file, {}, arrays, compress=False),
@@ -121,7 +123,9 @@ class Folder:
         return self.path / f"members_{first:010}_{count:07}.npz"
 
 
-def open_store(where: Any, system: System, rule: Rule, members: Members, backend: str) -> Store:
+def open_store(
+    where: Any, system: System, rule: Rule | None, members: Members, backend: str
+) -> Store:
     """The store of this ensemble in a folder or a zarr group: a new one, or the one that an earlier
     call began.
 
@@ -133,6 +137,9 @@ def open_store(where: Any, system: System, rule: Rule, members: Members, backend
     present = {name: getattr(members, name) for name in ROWS if getattr(members, name) is not None}
     rows: dict[str, Any] = {name: present.get(name, np.zeros(0)) for name in ROWS}
     numbers = {name: getattr(members, name) for name in ("t0", "h", "steps", "save_every")}
+    if (asked := members.asked) is not None:
+        rows["times"] = asked.times
+        numbers |= {"duration": asked.duration, "tol": asked.tol}
     mine = identity(system, rule, backend=backend, **rows, **numbers)
     header = {
         "format": FORMAT,
@@ -142,6 +149,8 @@ def open_store(where: Any, system: System, rule: Rule, members: Members, backend
         **numbers,
         "given": list(present),
     }
+    if asked is not None:
+        header["backend"] = asked.backend
     shape = (len(members.k), system.structure.n)
     if is_zarr(where):
         group = group_of(where, "a")
@@ -188,7 +197,7 @@ def _refuse_another(header: dict[str, Any], mine: dict[str, str], where: str) ->
         )
 
 
-def load_store(where: Any, *, trust: bool = False) -> tuple[System, Rule, Members, Store]:
+def load_store(where: Any, *, trust: bool = False) -> tuple[System, Rule | None, Members, Store]:
     """System, rule, members and chunks of a complete ensemble on disk."""
     if is_zarr(where):
         group = group_of(where, "r")
@@ -205,8 +214,9 @@ def load_store(where: Any, *, trust: bool = False) -> tuple[System, Rule, Member
             f"{where} has the format {header.get('format')!a}; this version reads {FORMAT!r}{old}"
         )
     try:
-        system, rule = revive(header.get("system"), trust=trust), rule_of(header.get("rule"))
-        members = _members(system, header, data)
+        system, members = _members(header, data, trust)
+        own = header.get("rule")
+        rule = None if own is None and members.asked is not None else rule_of(own)
     except InputError as error:
         raise InputError(f"{where} is no whole ensemble: {error}") from None
     shape = (len(members.k), system.q.numel())
@@ -226,8 +236,11 @@ def load_store(where: Any, *, trust: bool = False) -> tuple[System, Rule, Member
     return system, rule, members, store
 
 
-def _members(system: System, header: dict[str, Any], data: dict[str, np.ndarray]) -> Members:
-    """The members of a store, if numbers and shapes are possible."""
+def _members(
+    header: dict[str, Any], data: dict[str, np.ndarray], trust: bool
+) -> tuple[System, Members]:
+    """System and members of a store, if numbers and shapes are possible."""
+    system = revive(header.get("system"), trust=trust)
     given = field_of(header, "given", list[str])
     missing = [name for name in ("q0", "c", *given) if name not in data]
     if missing:
@@ -250,13 +263,29 @@ def _members(system: System, header: dict[str, Any], data: dict[str, np.ndarray]
         x = rows[name]
         if not fit or (x is not None and (len(x) not in sizes or x.dtype.kind != "f")):
             raise InputError(f"{name} does not fit the system: shape {data[name].shape}")
-    return Members(
+    return system, Members(
         0,
         t0=finite("t0", field_of(header, "t0", float)),
         h=finite("h", field_of(header, "h", float)),
         steps=steps,
         save_every=every,
+        asked=_asked(header, data),
         **rows,
+    )
+
+
+def _asked(header: dict[str, Any], data: dict[str, np.ndarray]) -> Asked | None:
+    """What the members of a store were asked for; None where their steps were given."""
+    if "tol" not in header:
+        return None
+    times = data.get("times", np.zeros(0))
+    if times.ndim != 1 or not len(times) or times.dtype != float or not np.isfinite(times).all():
+        raise InputError("the times of its nodes are not finite numbers")
+    return Asked(
+        times,
+        finite("duration", field_of(header, "duration", float)),
+        finite("tol", field_of(header, "tol", float)),
+        field_of(header, "backend", str),
     )
 
 

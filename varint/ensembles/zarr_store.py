@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from varint.ensembles.batch import Chunk
+from varint.ensembles.chunk import ARRAYS, NEW, Chunk, from_arrays
 from varint.ensembles.executor import GROUP, MOST_NUMBERS
 from varint.errors import InputError
 from varint.numerics.limits import check_memory
@@ -81,18 +81,25 @@ class Group:
     def chunk(self, first: int, count: int) -> Chunk:
         """A piece of what is done."""
         part = slice(first, first + count)
-        return Chunk(first, *(_read(self.group, f.name, part) for f in fields(Chunk)[1:]))
+        return from_arrays(
+            first, {name: _read(self.group, name, part) for name in names_in(self.group)}
+        )
 
     def add(self, chunk: Chunk) -> None:
         """Write a chunk; that its members are done comes last."""
         part = slice(chunk.first, chunk.first + len(chunk))
-        for name in sorted((f.name for f in fields(Chunk)[1:]), key=lambda name: name == "good"):
+        for name in sorted(names_in(self.group), key=lambda name: name == "good"):
             try:
                 self.group[name][part] = getattr(chunk, name)
             except OSError as error:
                 raise InputError(
                     f"cannot write to the zarr group: {error.strerror or error}"
                 ) from None
+
+
+def names_in(group: Any) -> list[str]:
+    """Names of the arrays of members that are to be there: groups of earlier versions have less."""
+    return [name for name in ARRAYS if name not in NEW or name in group]
 
 
 def header_of(group: Any) -> dict[str, Any] | None:
@@ -115,11 +122,11 @@ def header_of(group: Any) -> dict[str, Any] | None:
 
 def refuse_misshapen(group: Any, shape: tuple[int, int, int]) -> None:
     """Refuse a group whose arrays are not those of so many members, nodes and coordinates."""
-    for f in fields(Chunk)[1:]:
-        found, wanted = _array(group, f.name).shape, shape if f.name in SHAPES else shape[:1]
+    for name in names_in(group):
+        found, wanted = _array(group, name).shape, shape if name in SHAPES else shape[:1]
         if found != wanted:
             raise InputError(
-                f"the zarr array {f.name!r} has shape {found}, not {wanted}; delete the group"
+                f"the zarr array {name!r} has shape {found}, not {wanted}; delete the group"
             )
 
 
@@ -136,11 +143,11 @@ def begin_group(
             f"{GIVEN}/{name}", shape=value.shape, dtype=value.dtype, chunks="auto", **checked
         )
         place[...] = value
-    for f in fields(Chunk)[1:]:
-        shape = tuple(sizes[size] for size in SHAPES.get(f.name, ()))
-        whole = np.int64 if f.name in ("good", "step") else np.float64
+    for name in ARRAYS:
+        shape = tuple(sizes[size] for size in SHAPES.get(name, ()))
+        whole = np.int64 if name in ("good", "step") else np.float64
         rest = dict(dtype=whole, chunks=(GROUP, *shape), fill_value=0)
-        group.create_array(f.name, shape=(members, *shape), **rest, **checked)
+        group.create_array(name, shape=(members, *shape), **rest, **checked)
     group.attrs[ATTRIBUTE] = json.dumps(header)
 
 

@@ -84,7 +84,7 @@ def expression_as_data(system: System, expression: Any, what: str) -> str:
     return json.dumps(plain(describe_expressions(system, {"": own})))
 
 
-def identity(system: System, rule: Rule, **numbers: Any) -> dict[str, str]:
+def identity(system: System, rule: Rule | None, **numbers: Any) -> dict[str, str]:
     """What makes a run this run, by name: two runs with equal identities give equal bytes.
 
     Versions of varint and CasADi belong to it: another version may round differently.
