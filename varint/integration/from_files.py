@@ -16,13 +16,13 @@ from varint.integration.time_transformation.physical_time import at_times
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite
 from varint.results.records import Event
-from varint.results.save import ARRAYS, INNER, OPTIONAL, SWITCHES
+from varint.results.save import ARRAYS, INNER, OPTIONAL, SWITCHES, WHOLE
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.serialisation import rule_of
 from varint.scene.system import System
 
-WHOLE = ("k", "phase")  # arrays of whole numbers
+WHOLE_NUMBERS = ("k", "phase")
 FINITE = ("t", "c", "sizes")
 FILLED = ("t", "sizes")  # arrays with at least one row
 
@@ -40,7 +40,7 @@ def whole_motion(
     InputError
         If a part is missing, or they do not fit together.
     """
-    inner, switches = (taken(arrays, first) for first in (INNER, SWITCHES))
+    inner, whole, switches = (taken(arrays, first) for first in (INNER, WHOLE, SWITCHES))
     system, more = scene_in(header), dict[str, Any]()
     if switches:
         more = {"dense_output": dense_output_of(system, rule_of(header.get("rule")), switches)}
@@ -48,6 +48,8 @@ def whole_motion(
         about = field_of(header, "fictitious", dict)
         fictitious = _assembled(about, inner, scene_in(about), {})
         more = {"dense_output": at_times, "fictitious": fictitious}
+    elif whole:
+        more = {"whole": _assembled(field_of(header, "whole", dict), whole, system, {})}
     return _assembled(header, arrays, system, more)
 
 
@@ -122,7 +124,7 @@ def _checked(
     for name, shapes in wanted.items():
         if name not in arrays:
             continue
-        array, whole = arrays[name], name in WHOLE
+        array, whole = arrays[name], name in WHOLE_NUMBERS
         if array.shape not in shapes or 0 in array.shape[: name in FILLED]:
             raise InputError(f"{name} has shape {array.shape}; it must be {shapes[0]}")
         if (array.dtype.kind in "iu") != whole:

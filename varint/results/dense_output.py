@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from varint.errors import InputError
-from varint.results.records import changed
+from varint.results.records import changed, whole_of
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.scene.rays import with_unit_rays
@@ -29,7 +29,7 @@ def node_tolerance(motion: Trajectory) -> float:
 def nodes_at(motion: Trajectory, times: np.ndarray, side: str) -> Trajectory:
     """The motion with nodes at these times; see `states_at`."""
     q, p, k, active_set = states_at(motion, times, side)
-    found = dict(t=times, q=q, p=p, k=k, active_set=active_set)
+    found = dict(t=times, q=q, p=p, k=k, active_set=active_set, whole=whole_of(motion))
     return changed(motion, **found, events=(), solution=None, closure=None)
 
 
@@ -45,6 +45,8 @@ def states_at(
         If a time lies outside the trajectory.
     """
     slack = require_within(motion, times)
+    if motion.whole is not None:
+        return states_at(motion.whole, times, side)
     slack = slack if side == "after" else -slack
     if motion.h > 0:
         node = motion.t.searchsorted(times + slack, side="right") - 1

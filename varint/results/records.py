@@ -66,6 +66,16 @@ def changed(motion: Any, **changes: Any) -> Any:
     return other
 
 
+def whole_of(motion: Any) -> Any:
+    """The motion that knows what lies between other nodes than all of its own; None where each step
+    does: nothing is hit, and no controls follow each other.
+    """
+    if motion.whole is not None:
+        return motion.whole
+    s = motion.system.structure
+    return motion if s.contacts or (s.controls and len(motion.u) > 1) else None
+
+
 class State(NamedTuple):
     """One instant of a trajectory: t, and q, v, p of shape (n,)."""
 

@@ -18,6 +18,7 @@ from varint.scene.serialisation import describe
 
 FORMAT = "varint trajectory 2"
 INNER = "fictitious_"  # before the names of arrays in fictitious time
+WHOLE = "whole_"  # before those of the motion with all nodes
 SWITCHES = "switches_"  # before those of the branches of a scene that switches
 CONTROL = "control_"  # before those of an optimal control
 ARRAYS = ("t", "q", "p", "k", "u", "c")
@@ -56,6 +57,9 @@ def parts_of(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
     if trajectory.fictitious is not None:
         header["fictitious"], inner = _parts(trajectory.fictitious)
         arrays |= {INNER + name: value for name, value in inner.items()}
+    if trajectory.whole is not None:
+        header["whole"], inner = _parts(trajectory.whole)
+        arrays |= {WHOLE + name: value for name, value in inner.items()}
     if (branches := getattr(trajectory.dense_output, "to_arrays", None)) is not None:
         arrays |= {SWITCHES + name: value for name, value in branches().items()}
     return header, arrays

@@ -23,6 +23,7 @@ from varint.results.records import (
     StepsAgain,
     changed,
     made_at_first_look,
+    whole_of,
 )
 from varint.rules.rule import Rule
 from varint.scene.expressions import values_of
@@ -87,6 +88,9 @@ class Trajectory:
         Size of every step, where they are not all `h`.
     origin : float or None
         Time of step 0 of the grid; events lie within its steps.
+    whole : Trajectory or None
+        The motion with all its nodes, where steps from those that are left would not know of
+        impacts, or of controls that act, between them.
     """
 
     system: System
@@ -109,6 +113,7 @@ class Trajectory:
     closure: np.ndarray | None = None
     sizes: np.ndarray | None = None
     origin: float | None = None
+    whole: Trajectory | None = None
 
     def __post_init__(self) -> None:
         make_nodes_unit(self)
@@ -153,13 +158,11 @@ class Trajectory:
                 raise InputError(f"no node of the {len(self)} is left in [{index}]")
             part = changed(
                 self,
-                t=self.t[index],
-                q=self.q[index],
-                p=self.p[index],
-                k=self.k[index],
+                **{name: getattr(self, name)[index] for name in ("t", "q", "p", "k")},
                 active_set=None if self.active_set is None else self.active_set[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
+                whole=whole_of(self),
                 # controls belong to the whole
                 solution=None if hasattr(self.solution, "total_cost") else self.solution,
             )

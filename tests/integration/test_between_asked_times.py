@@ -1,0 +1,80 @@
+"""Between the times that were asked for motions know of impacts and of controls that lie there."""
+
+from __future__ import annotations
+
+import pickle
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+
+MIDDLE = np.linspace(0.013, 1.97, 41)
+
+
+def _ball() -> vi.System:
+    q, v = vi.coordinates("y")
+    return vi.System(q, v, v**2 / 2 - 9.81 * q, contact=q, restitution=0.8)
+
+
+def _driven() -> vi.System:
+    (q, v), u = vi.coordinates("a"), ca.SX.sym("u")
+    return vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=u, control=u)
+
+
+SCENES = {
+    "contact": (_ball, {"q0": 1.0, "v0": 0.0}),
+    "controls": (_driven, {"q0": 1.0, "v0": 0.0, "u": [[0.5], [-1.0], [2.0], [0.1], [-0.3]]}),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_other_nodes_leave_the_motion_between_as_it_is(name, tmp_path):
+    make, start = SCENES[name]
+    system = make()
+    motion = vi.simulate(system, **start, duration=2.0)
+    asked = vi.simulate(system, **start, at=[0.0, 0.7, 2.0])
+    asked.save(tmp_path / "asked.npz")
+    others = {
+        "asked for": asked,
+        "of some nodes": motion[:: len(motion) - 1],
+        "at times": motion.at(np.array([0.0, 1.1, 2.0])),
+        "of those": asked[::2],
+        "read": vi.load(tmp_path / "asked.npz"),
+        "pickled": pickle.loads(pickle.dumps(asked)),
+    }
+    expected = motion.at(MIDDLE)
+    for way, other in others.items():
+        found = other.at(MIDDLE)
+        assert len(other) <= 3, way
+        np.testing.assert_array_equal(found.q, expected.q, err_msg=way)
+        np.testing.assert_array_equal(found.p, expected.p, err_msg=way)
+    assert motion.whole is None
+
+
+def test_the_ball_is_where_parabolas_have_it():
+    asked = vi.simulate(_ball(), q0=1.0, v0=0.0, at=[0.0, 0.2, 2.0])
+    g, fall = 9.81, np.sqrt(2 / 9.81)
+    hit, again = fall, fall + 2 * 0.8 * fall
+    t = np.array([0.3, hit + 0.1, again - 0.1])
+    speed = 0.8 * g * fall
+    after = t[1:] - hit
+    expected = [1 - g * t[0] ** 2 / 2, *(speed * after - g * after**2 / 2)]
+    np.testing.assert_allclose(asked.at(t).q[:, 0], expected, atol=1e-12)
+    np.testing.assert_allclose(asked.at(hit, "before").v, -g * fall, rtol=1e-12)
+    np.testing.assert_allclose(asked.at(hit, "after").v, 0.8 * g * fall, rtol=1e-12)
+
+
+def test_times_beyond_the_nodes_are_refused():
+    part = vi.simulate(_ball(), q0=1.0, v0=0.0, duration=2.0)[:5]
+    with pytest.raises(vi.InputError, match="times must lie between"):
+        part.at(1.9)
+
+
+def test_values_at_rows_of_controls_are_those_of_the_row():
+    system = _driven()
+    start = SCENES["controls"][1]
+    asked = vi.simulate(system, **start, at=[0.0, 0.1, 0.9, 2.0])
+    # rows of 0.4 time units
+    np.testing.assert_array_equal(asked.at(np.array([0.2, 0.5, 1.0])).value("u"), [0.5, -1.0, 2.0])
