@@ -18,28 +18,13 @@ from varint.codegen.mechanics import force, velocity
 from varint.codegen.native import tapes_of
 from varint.codegen.routines import routines
 from varint.codegen.tape import NOTHING_TO_DO
+from varint.discrete.linear_flow import is_gauss, moves_linearly
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
 Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
-MOST_COORDINATES = 128  # beyond, a sparse solve in every step is cheaper than a full map
 FEW_COORDINATES = 12  # beyond, what solves such a step takes long to build
-
-
-@per_scene
-def moves_linearly(system: System) -> bool:
-    """Whether the motion is linear, of few coordinates, and nothing holds or controls it."""
-    s = system.structure
-    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate or s.controls
-    return (
-        not (held or system.rays) and s.linear and s.quadratic_kinetic and s.n <= MOST_COORDINATES
-    )
-
-
-def is_gauss(rule: Rule) -> bool:
-    """Whether its steps are diagonal Padé approximants where the motion is linear."""
-    return bool(rule.points) and rule.order == 2 * len(rule.nodes) == 2 * rule.degree
 
 
 @per_scene

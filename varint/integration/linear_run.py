@@ -15,13 +15,12 @@ from varint.codegen.driven import (
     FEW_COORDINATES,
     has_driven_map,
     is_driven,
-    is_gauss,
-    moves_linearly,
     native_driven,
 )
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.discrete.legendre import velocity_function
+from varint.discrete.linear_flow import is_gauss, moves_linearly
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import steps_of_map
 from varint.integration.second_looks import has_steps

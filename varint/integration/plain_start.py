@@ -88,6 +88,8 @@ class Room:
         A `known` start, a duration and the pieces of it that runs from there are over.
     chosen : tuple, optional
         The loop and its first steps, for what was seen and a tolerance.
+    over : tuple, optional
+        Parameters and a duration, and whether dampers are over so soon that runs are powers.
     watched : tuple, optional
         What was watched for along runs from here, and how the core is told of it.
     """
@@ -120,6 +122,7 @@ class Room:
     seen: tuple | None = None
     divided: tuple | None = None
     chosen: tuple | None = None
+    over: tuple | None = None
     watched: tuple[Sought, tuple, Beside] | None = None
 
 

@@ -26,7 +26,7 @@ from varint.codegen.two_runs import (
 )
 from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
-from varint.integration.linear_run import is_one_map
+from varint.integration.linear_run import MAPPED, is_one_map
 from varint.integration.plain_start import (
     LARGE,
     Room,
@@ -39,6 +39,7 @@ from varint.integration.plain_start import (
     velocities_in,
 )
 from varint.integration.repeated import remember
+from varint.integration.settled_run import settles_within
 from varint.integration.short_doubts import looked_at
 from varint.integration.short_scenes import Known, chosen_in, fastest_of, known_of, looked_between
 from varint.integration.short_trials import course_by
@@ -184,6 +185,11 @@ def by_the_core(
         chosen = room.chosen = turned, tol, *chosen_in(system, known, turned[1], tol)
     _, _, loop, first = chosen
     gears, alone, rule = loop.gears, loop.alone, loop.plan.rule
+    over = room.over
+    if over is None or over[0] is not c or over[1] != duration:
+        over = room.over = c, duration, settles_within(system, c, duration)
+    if over[2] and watched is None and rule == MAPPED:
+        return None
     if first is None or not (gears or alone):
         return None
     if alone and not (watched is None and times is None):  # it makes no shorter steps

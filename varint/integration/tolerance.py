@@ -50,6 +50,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run import collect, short_run, start_run
 from varint.integration.second_looks import has_steps
+from varint.integration.settled_run import by_powers, settles_within
 from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import angles_turned, decay_rates
@@ -147,6 +148,11 @@ def choose_steps(
             backend == "auto" and runs_driven(system)
         )
         own = MAPPED if once else own
+    plainly = backend == "auto" and grows and stop is None and start.steps == 1
+    if plainly and own == MAPPED and settles_within(system, start.c, start.h):
+        settled = by_powers(system, start, tol, scale, began)
+        if settled is not None:
+            return settled
     mapped = backend == "auto" and radians > TURNS and is_one_map(system, own)
 
     found: Choice | int | None

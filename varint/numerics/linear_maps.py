@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import factorial
+
 import numpy as np
 
+from varint.numerics.pairs import (
+    AT_ONCE,
+    Pair,
+    matmul,
+    part,
+    product,
+    scaled,
+    single,
+    solved,
+    total,
+)
+
 TOGETHER = 64  # steps whose maps are known before all of them are taken at once
-# multiplications in a product: of larger ones libraries make threads, which wait for each other a
-# hundred times as long where other processes run
-AT_ONCE = 150_000
 
 
 def gauss_change(a: np.ndarray, stages: int) -> np.ndarray:
@@ -51,3 +63,59 @@ def _powers(change: np.ndarray, count: int) -> np.ndarray:
         last = found[-1]
         found = np.concatenate((found, last + found + found @ last))
     return found[:count]
+
+
+def exact_gauss_change(a: Pair, stages: int) -> Pair:
+    """`gauss_change` with twice the digits, of an A whose norm is about one or less. By whole
+    numbers, P(A) = Σ (2s − k)!/(k! (s − k)!) Aᵏ.
+    """
+    s, one = stages, np.eye(len(a.high))
+    parts = [factorial(2 * s - k) // (factorial(k) * factorial(s - k)) for k in range(s + 1)]
+    square = product(a, a)
+    even, odd = (_polynomial(parts[k::2], square, one) for k in (0, 1))
+    odd = product(a, odd)
+    return solved(total(even, scaled(odd, -1.0)), scaled(odd, 2.0))
+
+
+def _polynomial(parts: list[int], x: Pair, one: np.ndarray) -> Pair:
+    """Σ parts_k xᵏ."""
+    found = single(parts[-1] * one)
+    for number in reversed(parts[:-1]):
+        found = total(product(found, x), single(number * one))
+    return found
+
+
+def squared(change: Pair) -> Pair:
+    """R² − 1 = 2 (R − 1) + (R − 1)²."""
+    return total(scaled(change, 2.0), product(change, change))
+
+
+def spread(changes: Sequence[Pair], x: np.ndarray) -> np.ndarray:
+    """x, R x, R² x, …, (2ᵐ, d), for the changes R − 1, R² − 1, R⁴ − 1, … of m powers: each state
+    by as many of them as its number has digits, the largest first.
+    """
+    found = x[None]
+    for change in reversed(changes):
+        moved = found + matmul(found, change.high.T)
+        found = np.stack((found, moved), axis=1).reshape(-1, len(x))
+    return found
+
+
+def moved(changes: Sequence[Pair], x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Rᵏ x for as many states (N, d) and numbers of steps k (N,), in the same way."""
+    found = x.copy()
+    for j, change in reversed([*enumerate(changes)]):
+        some = np.flatnonzero(steps >> j & 1)
+        found[some] += matmul(found[some], change.high.T)
+    return found
+
+
+def exactly_moved(changes: Sequence[Pair], x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """`moved` with twice the digits, rounded once."""
+    found = single(x.copy())
+    for j, change in reversed([*enumerate(changes)]):
+        some = np.flatnonzero(steps >> j & 1)
+        begin = part(found, some)
+        end = total(begin, product(begin, change.T))
+        found.high[some], found.low[some] = end
+    return found.high

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from varint.discrete.linear_flow import has_powers, powers
 from varint.errors import InputError
+from varint.numerics.linear_maps import moved
 from varint.results.records import changed, whole_of
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -16,6 +18,7 @@ from varint.scene.rays import with_unit_rays
 from varint.scene.system import System
 
 ROUNDING = 8 * float(np.finfo(float).eps)  # of t0 + k h
+FAR = 64  # whole steps from a node that a scene with dampers takes at once, where it is linear
 
 
 def node_tolerance(motion: Trajectory) -> float:
@@ -56,7 +59,9 @@ def states_at(
     states = [motion.q[node], motion.p[node], motion.k[node]]
     begin = motion.t[node]
     ahead = times - begin
-    if not _within_a_step(motion, begin, ahead, states):
+    if not (
+        _within_a_step(motion, begin, ahead, states) or _by_powers(motion, node, ahead, states)
+    ):
         _require_steps(motion, node, ahead)
         for _ in steps_ahead(motion, node, ahead, states):
             continue
@@ -97,6 +102,30 @@ def _within_a_step(
     ends = motion.functions.ends(motion.system, motion.c)
     q[some], p[some] = ends(q[some], p[some], none, begin[some], ahead[some])
     return True
+
+
+def _by_powers(
+    motion: Trajectory, node: np.ndarray, ahead: np.ndarray, states: list[np.ndarray]
+) -> bool:
+    """`steps_ahead` of scenes whose steps are one map, any number of them at once, and then the
+    shorter one; False, and nothing done, elsewhere, and where nodes are close.
+    """
+    whole = np.floor(ahead / motion.h + node_tolerance(motion))
+    most, s = whole.max(initial=0.0), motion.system.structure
+    if most < FAR or motion.sizes is not None or not s.force_on_velocity:
+        return False
+    if motion.dense_output is not None or not has_powers(motion.system, motion.rule):
+        return False
+    _require_steps(motion, node, ahead)
+    map_of = powers(motion.system, motion.rule, motion.c, motion.h)
+    if map_of is None:
+        return False
+    (q, p, k), steps, far = states, whole.astype(np.int64), whole > 0
+    changes = map_of.up_to(int(most).bit_length())
+    q[far], p[far] = map_of.states(moved(changes, map_of.within(q[far], p[far]), steps[far]))
+    k += steps
+    rest = ahead - whole * motion.h
+    return _within_a_step(motion, motion.t[node] + whole * motion.h, rest, states)
 
 
 def _require_steps(motion: Trajectory, node: np.ndarray, ahead: np.ndarray) -> None:
