@@ -15,7 +15,7 @@ import pytest
 import varint as vi
 from varint.discrete.linear_flow import flow, has_powers, powers, rates, rough_rates
 from varint.integration.linear_run import MAPPED, TOLD
-from varint.integration.settled_run import settles_within
+from varint.integration.settled_run import SHORT, settles_within
 from varint.numerics.linear_maps import (
     exact_gauss_change,
     exactly_moved,
@@ -226,6 +226,21 @@ def test_a_beam_swings_as_its_modes(elements, damping):
     assert found == pytest.approx(modes(mass, stiffness, damping, q0, times), abs=2e-14 * q0.max())
     energy = motion.energy
     assert (np.diff(energy) <= 4e-16 * energy[0]).all() and energy[-1] < energy[0]
+
+
+def test_powers_come_where_one_map_cannot_be_repeated_so_often():
+    scene, mass, stiffness = beam(10, 2.0**-10)
+    tip = np.zeros(20)
+    tip[-2] = 1.0
+    q0, duration = np.linalg.solve(stiffness, tip), 0.012
+    assert not settles_within(scene, np.empty(0), duration)
+    assert settles_within(scene, np.empty(0), duration, SHORT)
+    wanted = modes(mass, stiffness, 2.0**-10, q0, [duration])[0]
+    for tol, powers_of_it in ((1e-4, False), (1e-10, True)):
+        motion = vi.simulate(scene, q0=q0, v0=0 * q0, duration=duration, tol=tol)
+        assert (motion.stats["backend"] == TOLD) is powers_of_it
+        size = np.ptp(motion.q, axis=0).max()
+        assert np.abs(motion.q[-1] - wanted).max() <= motion.stats["error_estimate"] * size
 
 
 @pytest.mark.parametrize("name", ["not proportional", "turning", "free"])

@@ -32,9 +32,12 @@ from varint.scene.system import System
 
 # radians, or times that something falls to 1/e, of the fastest motion and of what dampers stop:
 # over many more steps than that loops take long, and so much is over in a hundredth of the time
-MANY, OVER = 2.0**14, 2.0**12
+LONG = 2.0**14, 2.0**12
+# the same where a map cannot be repeated as often as the steps are many, for its round-off
+SHORT = 2.0**8, 2.0**8
 NUMBERS = 2**20  # of all nodes together at most
 MOST_NODES = 2**14
+LEAST_SQUARES = 8
 MOST_SQUARES = 48  # beyond, steps are hardly longer than the last digit of times
 SAMPLES = 64  # numbers of steps at which round-off is looked at
 
@@ -46,16 +49,18 @@ def settles(system: System) -> bool:
     return damped and has_powers(system, MAPPED)
 
 
-def settles_within(system: System, c: np.ndarray, duration: float) -> bool:
+def settles_within(
+    system: System, c: np.ndarray, duration: float, least: tuple[float, float] = LONG
+) -> bool:
     """Whether that is so within this time, with these parameters."""
     if not settles(system):
         return False
+    time, (many, over) = abs(duration), least
     fastest, decay = rough_rates(system, c)
-    time = abs(duration)
-    if fastest * time <= MANY or decay * time <= OVER:
+    if fastest * time <= many or decay * time <= over:
         return False
     fastest, decay = rates(system, c)
-    return fastest * time > MANY and decay * time > OVER
+    return fastest * time > many and decay * time > over
 
 
 @np.errstate(all="ignore")  # of motions that grow beyond all numbers
@@ -66,9 +71,8 @@ def by_powers(
     found, duration, n = flow(system, start.c), start.h * start.steps, system.structure.n
     if found is None:
         return None
-    many = 2 ** int(math.log2(max(NUMBERS // (2 * n), 2)))
-    nodes = min(many, MOST_NODES).bit_length() - 1
-    squares = max(math.ceil(math.log2(abs(duration) * found.norm)), nodes)
+    squares = max(math.ceil(math.log2(abs(duration) * found.norm)), LEAST_SQUARES)
+    nodes = min(int(math.log2(min(NUMBERS // (2 * n), MOST_NODES))), squares)
     steps, every, late = 2**squares, 2 ** (squares - nodes), max(abs(start.t0), abs(duration))
     if squares > MOST_SQUARES or abs(duration) / steps < TICK * (late + abs(duration)):
         return None

@@ -76,8 +76,10 @@ def by_short_refinement(
     backend: str,
     began: float | None = None,
     varying: Varying | None = None,
+    by_map: bool = False,
 ) -> Choice | None:
-    """The choice that runs with more and more steps prove; None where they do not soon.
+    """The choice that runs with more and more steps prove; None where they do not soon, or
+    `by_map` where the map of a step would be repeated too often.
 
     Parameters
     ----------
@@ -158,6 +160,8 @@ def by_short_refinement(
     stalls, shown = 0, math.inf
     growth = between = 1.0
     while runs < RUNS:
+        if by_map and not (driven and REPEATED * steps**2 <= tol):
+            return None
         wanted = tol / (growth * between)
         motion = run(steps, steps, wanted, coarser=COARSER if before is None else 1.0)
         runs += 1

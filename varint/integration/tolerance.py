@@ -50,7 +50,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run import collect, short_run, start_run
 from varint.integration.second_looks import has_steps
-from varint.integration.settled_run import by_powers, settles_within
+from varint.integration.settled_run import LONG, SHORT, by_powers, settles_within
 from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import angles_turned, decay_rates
@@ -149,7 +149,11 @@ def choose_steps(
         )
         own = MAPPED if once else own
     plainly = backend == "auto" and grows and stop is None and start.steps == 1
-    if plainly and own == MAPPED and settles_within(system, start.c, start.h):
+
+    def may_settle(least: tuple[float, float]) -> bool:
+        return plainly and own == MAPPED and settles_within(system, start.c, start.h, least)
+
+    if may_settle(LONG):
         settled = by_powers(system, start, tol, scale, began)
         if settled is not None:
             return settled
@@ -189,9 +193,17 @@ def choose_steps(
         if tried is None and scale is None and mass is not None:
             trials = system, own, start, mass, tol, turned, backend, began
             found = by_short_trials(*trials, grows=grows)
-        if found is None or found == NOT_SHORT:
-            asked = system, own, start, tol, radians, scale, backend, began
-            found = by_short_refinement(*asked, varying)
+        if isinstance(found, Choice):
+            return found
+        asked = system, own, start, tol, radians, scale, backend, began, varying
+        again = found is None or found == NOT_SHORT
+        powers = may_settle(SHORT)
+        if again and powers:  # steps that the map does are over before
+            found = by_short_refinement(*asked, by_map=True)
+        if powers and not isinstance(found, Choice):
+            found = by_powers(system, start, tol, scale, began)
+        if again and not isinstance(found, Choice):
+            found = by_short_refinement(*asked)
         if isinstance(found, Choice):
             return found
 
