@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import varint as vi
+import varint.integration.steady_controls as steady_controls
 from varint.discrete.linear_flow import flow, has_powers, powers, rates, rough_rates
 from varint.integration.linear_run import MAPPED, TOLD
 from varint.integration.settled_run import SHORT, settles_within
@@ -437,6 +438,27 @@ def test_parameters_are_as_numbers():
     assert np.array_equal(found.q, fixed.q)
     again = vi.simulate(some, **how)
     assert np.array_equal(again.q, calm.q) and again.stats["backend"] != TOLD
+
+
+def test_controls_that_stay_the_same_are_as_numbers(monkeypatch):
+    q, v = vi.coordinates("x", "y")
+    u = ca.SX.sym("u")
+    energy = (2.0**-13 * v[0] ** 2 + v[1] ** 2 - q[0] ** 2 - (q[1] - q[0]) ** 2) / 2
+
+    def scene_with(push, **more):
+        return vi.System(q, v, energy, force=ca.vertcat(push - v[0], -0.125 * v[1]), **more)
+
+    how = {"q0": [1.0, 0.0], "v0": [0.0, 0.0], "duration": 5.0, "tol": 1e-7}
+    driven = vi.simulate(scene_with(u, control=u), u=0.5, **how)
+    fixed = vi.simulate(scene_with(0.5), **how)
+    assert driven.stats["backend"] == fixed.stats["backend"] == TOLD
+    assert np.array_equal(driven.q, fixed.q) and (driven.u == 0.5).all()
+    times = np.array([1e-6, 1e-5, 1e-3, 2.3])
+    assert driven.at(times).q == pytest.approx(fixed.at(times).q, abs=1e-12)
+    monkeypatch.setattr(steady_controls, "MOST_STEPS", 2**14)  # no controls for each of more
+    other = vi.simulate(scene_with(u, control=u), u=0.5, **how)
+    assert other.stats["backend"] != TOLD and len(other.u) == len(other) - 1
+    assert other.q[-1] == pytest.approx(driven.q[-1], abs=1e-7)
 
 
 def test_what_hardly_damps_takes_its_own_steps():

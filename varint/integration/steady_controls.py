@@ -20,6 +20,10 @@ from varint.scene.memory import per_scene
 from varint.scene.parameters import Parameters, ParameterValues, values_by_name, with_more
 from varint.scene.system import System, given_parameters
 
+# of a run that is powers of one map, whose controls are kept for each, and between whose nodes a
+# scene with controls takes all steps
+MOST_STEPS = 2**22
+
 
 def with_steady_controls(
     system: System,
@@ -38,6 +42,8 @@ def with_steady_controls(
     (name,) = scene.defaults.keys() - system.defaults.keys()
     try:
         motion = make(scene, params={**given, name: values})
+        if len(motion) < len(motion.u) > MOST_STEPS:  # by steps one by one
+            motion = make(scene, params={**given, name: values}, backend="native")
     except ConvergenceError as failure:
         if failure.trajectory is not None:
             failure.trajectory = _of_users_scene(system, failure.trajectory, values)
