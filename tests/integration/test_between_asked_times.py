@@ -23,9 +23,26 @@ def _driven() -> vi.System:
     return vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=u, control=u)
 
 
+def _settling() -> vi.System:
+    q, v = vi.coordinates("a")
+    return vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=-1.5 * v)
+
+
+def _rocket() -> vi.System:
+    (q, v), t = vi.coordinates("z"), vi.time()
+    m = ca.if_else(t < 5, 10 - t, 5.0)
+    thrust = ca.if_else(t < 5, 200.0 - v, 0.0)
+    return vi.System(q, v, m * v**2 / 2 - m * 9.81 * q, force=thrust, t=t)
+
+
 SCENES = {
     "contact": (_ball, {"q0": 1.0, "v0": 0.0}),
     "controls": (_driven, {"q0": 1.0, "v0": 0.0, "u": [[0.5], [-1.0], [2.0], [0.1], [-0.3]]}),
+}
+# steps of more than one size
+UNEVEN = {
+    "growing steps": (_settling, {"q0": 1.2, "v0": 0.3}, 60.0),
+    "switches": (_rocket, {"q0": 0.0, "v0": 0.0}, 12.0),
 }
 
 
@@ -78,3 +95,36 @@ def test_values_at_rows_of_controls_are_those_of_the_row():
     asked = vi.simulate(system, **start, at=[0.0, 0.1, 0.9, 2.0])
     # rows of 0.4 time units
     np.testing.assert_array_equal(asked.at(np.array([0.2, 0.5, 1.0])).value("u"), [0.5, -1.0, 2.0])
+
+
+EVERY = {name: (*given, 2.0) for name, given in SCENES.items()} | UNEVEN
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_sums_and_derivatives_do_not_depend_on_the_nodes_that_are_left(name):
+    make, start, duration = EVERY[name]
+    system = make()
+    motion = vi.simulate(system, **start, duration=duration)
+    loss = {"loss": system.q[0] ** 2, "terminal_loss": system.q[0] + system.v[0]}
+    action, map_of, slope = motion.action, motion.transition_matrix(), vi.gradient(motion, **loss)
+    others = {
+        "asked for": vi.simulate(system, **start, at=np.linspace(0.0, duration, 7)),
+        "of some nodes": motion[[0, len(motion) // 3, len(motion) - 1]],
+        "at times": motion.at(np.array([0.0, 0.4 * duration, duration])),
+    }
+    for way, other in others.items():
+        np.testing.assert_allclose(other.action, action, rtol=1e-9, err_msg=way)
+        np.testing.assert_allclose(other.transition_matrix(), map_of, atol=1e-8, err_msg=way)
+        found = vi.gradient(other, **loss)
+        np.testing.assert_allclose(found.v0, slope.v0, rtol=1e-8, err_msg=way)
+        np.testing.assert_allclose(found.value, slope.value, rtol=1e-9, err_msg=way)
+        assert (found.h is None) == (name in UNEVEN), way
+
+
+def test_the_action_of_a_bouncing_ball_is_that_of_its_parabolas():
+    asked = vi.simulate(_ball(), q0=1.0, v0=0.0, at=[0.0, 0.2, 0.8])
+    fall, g = np.sqrt(2 / 9.81), 9.81
+    rise, after = 0.8 * g * fall, 0.8 - fall
+    falling = g**2 * fall**3 / 3 - g * fall
+    rising = rise**2 * after / 2 - g * rise * after**2 + g**2 * after**3 / 3
+    np.testing.assert_allclose(asked.action, falling + rising, rtol=1e-11)

@@ -48,8 +48,9 @@ def whole_motion(
         about = field_of(header, "fictitious", dict)
         fictitious = _assembled(about, inner, scene_in(about), {})
         more = {"dense_output": at_times, "fictitious": fictitious}
-    elif whole:
-        more = {"whole": _assembled(field_of(header, "whole", dict), whole, system, {})}
+    if whole:
+        about = field_of(header, "whole", dict)
+        more["whole"] = _assembled(about, whole, system, dict(more))
     return _assembled(header, arrays, system, more)
 
 

@@ -4,12 +4,14 @@ in them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+import casadi as ca
 import numpy as np
 
 from varint.discrete.linear_flow import has_powers, powers
 from varint.errors import InputError
+from varint.numerics.arrays import over_columns
 from varint.numerics.linear_maps import moved
 from varint.results.records import changed, whole_of
 from varint.results.trajectory import Trajectory
@@ -183,6 +185,46 @@ def steps_ahead(
         done = np.where(going & ~whole, ahead, done)
 
 
+def sums_between(motion: Trajectory, integrand: Callable[[System], ca.Function]) -> np.ndarray:
+    """Sums over the steps between nodes; see `Trajectory.sums`."""
+    if motion.whole is not None:
+        every, own = with_all_nodes(motion)
+        before = np.cumsum(sums_between(every, integrand), axis=0)
+        before = np.concatenate((np.zeros((1, before.shape[1])), before))
+        return np.diff(before[own], axis=0)
+    total = np.zeros((len(motion) - 1, 1))
+    for active, scene, arguments in steps_ahead(
+        motion, np.arange(len(motion) - 1), np.diff(motion.t)
+    ):
+        # a scene with contacts has no step of its own
+        values = over_columns(integrand(scene), *arguments)[0]
+        if total.shape[1] != values.shape[1]:
+            total = np.zeros((len(total), values.shape[1]))
+        total[active] += values
+    return total
+
+
+def with_all_nodes(motion: Trajectory) -> tuple[Trajectory, np.ndarray]:
+    """A motion with those nodes of the whole one besides that lie between its own, and which of
+    them are its own.
+    """
+    whole, direction = motion.whole or motion, 1.0 if motion.h > 0 else -1.0
+    slack = node_tolerance(motion) * abs(motion.h)
+    own, others = direction * motion.t, direction * whole.t
+    behind = np.searchsorted(own, others)
+    near = np.abs(others[:, None] - own[np.clip(behind[:, None] - [0, 1], 0, len(own) - 1)])
+    between = (behind > 0) & (behind < len(own)) & (near > slack).all(axis=1)
+    kept = np.flatnonzero(between)
+    order = np.argsort(np.concatenate((own, others[kept])), kind="stable")
+    names = [x for x in ("t", "q", "p", "k", "active_set") if getattr(whole, x) is not None]
+    own_nodes = {x: getattr(motion, x) for x in names}
+    if whole.sizes is not None:  # all of its steps have nodes
+        begun = np.searchsorted(others, own + slack, side="right") - 1
+        own_nodes["k"] = whole.k[np.clip(begun, 0, len(whole) - 1)]
+    found = {x: np.concatenate((own_nodes[x], getattr(whole, x)[kept]))[order] for x in names}
+    return changed(whole, **found), np.flatnonzero(order < len(own))
+
+
 def _sizes(motion: Trajectory, k: np.ndarray) -> np.ndarray:
     """Sizes of the steps k."""
     sizes = motion.sizes
@@ -216,8 +258,12 @@ def _elapsed(motion: Trajectory, steps: np.ndarray, times: np.ndarray | None) ->
     """How much of the steps has passed at the times: none at the nodes of the grid, but at those
     of events.
     """
-    if times is None or motion.sizes is not None or motion.origin is None:
+    if times is None or motion.origin is None:
         return np.zeros(len(steps))
+    if (sizes := motion.sizes) is not None:
+        steps = np.clip(steps, 0, len(sizes) - 1)
+        begin = motion.origin + np.append(0.0, np.cumsum(sizes))[steps]
+        return np.clip((times - begin) / sizes[steps], 0.0, 1.0)
     return np.clip((times - motion.origin) / motion.h - steps, 0.0, 1.0)
 
 

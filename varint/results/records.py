@@ -68,12 +68,13 @@ def changed(motion: Any, **changes: Any) -> Any:
 
 def whole_of(motion: Any) -> Any:
     """The motion that knows what lies between other nodes than all of its own; None where each step
-    does: nothing is hit, and no controls follow each other.
+    does: all have one size, nothing is hit, and no controls follow each other.
     """
     if motion.whole is not None:
         return motion.whole
     s = motion.system.structure
-    return motion if s.contacts or (s.controls and len(motion.u) > 1) else None
+    apart = motion.sizes is not None or s.contacts or (s.controls and len(motion.u) > 1)
+    return motion if apart else None
 
 
 class State(NamedTuple):

@@ -292,18 +292,9 @@ class Trajectory:
                 "the steps of this run are steps of its fictitious time; sum along "
                 "trajectory.fictitious"
             )
-        from varint.results.dense_output import steps_ahead
+        from varint.results.dense_output import sums_between
 
-        total = np.zeros((len(self) - 1, 1))
-        for active, scene, arguments in steps_ahead(
-            self, np.arange(len(self) - 1), np.diff(self.t)
-        ):
-            # a scene with contacts has no step of its own
-            values = over_columns(integrand(scene), *arguments)[0]
-            if total.shape[1] != values.shape[1]:
-                total = np.zeros((len(total), values.shape[1]))
-            total[active] += values
-        return total
+        return sums_between(self, integrand)
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
         """The conserved quantity J of a symmetry along the motion: values, drift, slope, and the

@@ -16,6 +16,7 @@ from varint.integration.flight_choice import flights_for
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.trajectories import Run, trajectory_of
+from varint.results.dense_output import with_all_nodes
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
@@ -85,6 +86,8 @@ def course_of(motion: Trajectory) -> Course:
     ConvergenceError
         If a contact is touched without a blow.
     """
+    if motion.whole is not None and motion.whole.sizes is not None:
+        return course_of(with_all_nodes(motion)[0])._replace(rows=motion)
     scene_of(motion)
     if any(event.kind.startswith("divided in") for event in motion.events):
         raise InputError(

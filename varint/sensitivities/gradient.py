@@ -175,7 +175,7 @@ def gradient(
         of_q0 = of_q0 + of_q.T @ of_p0
         outer[:many] += of_c.T @ of_p0
         outer[many + 1] += of_t[:, 0] @ of_p0
-    h = None if motion.sizes is not None else float(outer[many])
+    h = None if (motion.whole or motion).sizes is not None else float(outer[many])
     lasting = motion.fictitious is None and ends_whole(motion)
     return Gradient(
         at_nodes.value + found.loss,

@@ -251,7 +251,7 @@ def _vary_time(motion: Trajectory, name: str, outer: np.ndarray) -> None:
     if name == "t0":
         outer[-1] = 1.0
         return
-    if motion.sizes is not None:
+    if (motion.whole or motion).sizes is not None:
         raise InputError(f"steps of this run differ in size: it has no {name!r} to vary")
     if name == "duration" and not ends_whole(motion):
         raise InputError(

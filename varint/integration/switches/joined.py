@@ -21,6 +21,7 @@ from varint.integration.switches.jumping import jumping_times, switching_times, 
 from varint.integration.switches.loop import kernel_of
 from varint.integration.switches.touching import scene_in
 from varint.results.dense_output import node_tolerance, require_within
+from varint.results.records import whole_of
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -134,6 +135,7 @@ class BetweenNodes:
             events=(),
             solution=None,
             closure=None,
+            whole=whole_of(motion),
         )
 
 

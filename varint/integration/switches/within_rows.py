@@ -18,6 +18,7 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.switches.branch import Branch, BranchScene
 from varint.integration.switches.joined import BetweenNodes, between_nodes
 from varint.integration.switches.touching import scene_in
+from varint.results.records import whole_of
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule
@@ -105,7 +106,8 @@ class WithinRows:
         found = self.between(inner, times)
         w = np.array([x.controls for x in self.branches])[self.between.branch[found.k]]
         u = _values(self.nodes, w, times[:, None])
-        return replace(found, system=motion.system, u=u, k=np.arange(len(times)))
+        k, whole = np.arange(len(times)), whole_of(motion)
+        return replace(found, system=motion.system, u=u, k=k, whole=whole)
 
 
 def of_users_scene(system: System, nodes: tuple[float, ...], motion: Trajectory) -> Trajectory:
