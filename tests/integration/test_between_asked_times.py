@@ -128,3 +128,26 @@ def test_the_action_of_a_bouncing_ball_is_that_of_its_parabolas():
     falling = g**2 * fall**3 / 3 - g * fall
     rising = rise**2 * after / 2 - g * rise * after**2 + g**2 * after**3 / 3
     np.testing.assert_allclose(asked.action, falling + rising, rtol=1e-11)
+
+
+def test_balances_of_momenta_do_not_depend_on_the_nodes_that_are_left():
+    system = _ball()
+    asked = vi.simulate(system, q0=1.0, v0=0.0, at=np.linspace(0.0, 2.0, 7))
+    for found in asked.conserved():
+        assert found.expected is not None
+        assert len(found.values) == 7
+        assert found.drift < 1e-14
+
+
+def test_events_in_a_time_of_their_own_are_known_at_asked_times():
+    q, v = vi.coordinates("x", "y")
+    orbit = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    start = {"q0": [0.01, 0.0], "v0": [0.0, np.sqrt(199.0)], "events": {"axis": q[0] + 0.5}}
+    motion = vi.simulate(orbit, **start, duration=7.0)
+    asked = vi.simulate(orbit, **start, at=[0.0, 2.0, 7.0])
+    assert len(motion.events) > 1
+    assert motion.fictitious is not None
+    for event, other in zip(motion.events, asked.events, strict=True):
+        expected = vi.event_sensitivity(motion, event, expression=q[0] + 0.5)
+        found = vi.event_sensitivity(asked, other, expression=q[0] + 0.5)
+        np.testing.assert_allclose(found.time, expected.time, rtol=1e-6)

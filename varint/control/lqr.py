@@ -67,7 +67,7 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
     if not structure.controls:
         raise InputError("lqr() needs a scene with controls")
     if (np.diff(motion.k) != 1).any():
-        raise InputError("lqr() needs every node; run the simulation with save_every=1")
+        raise InputError("lqr() needs every node; run the simulation without at= and save_every=")
     x = 2 * structure.n
     Q = _symmetric("state_cost", state_cost, x)
     R = _symmetric("control_cost", control_cost, structure.controls)

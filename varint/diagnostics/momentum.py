@@ -5,7 +5,7 @@ with forces.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -16,6 +16,7 @@ from varint.discrete.lagrangian import interval, point_function
 from varint.errors import InputError
 from varint.integration.step_function import along_step, over_parts
 from varint.numerics.arrays import over_columns
+from varint.results.dense_output import with_all_nodes
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -214,6 +215,11 @@ def momentum_map(motion: Trajectory, symmetry: Symmetry) -> MomentumMap:
             "this symmetry holds at other parameter values only; use symmetries(system, "
             "params=trajectory.parameters)"
         )
+    if motion.whole is not None:
+        every, own = with_all_nodes(motion)
+        along = momentum_map(every, symmetry)
+        expected = None if along.expected is None else along.expected[own]
+        return replace(along, t=motion.t, values=along.values[own], expected=expected)
     values, sizes = _quantity(motion, symmetry)
     size = max(float(sizes.max()), LEAST * _natural_size(motion, symmetry))
     return MomentumMap(

@@ -92,7 +92,11 @@ def only_at(motion: Trajectory, times: np.ndarray) -> Trajectory:
     found: Trajectory | None = _at_once().only_at_by_core(motion, reached)
     if found is not None:
         return found
-    return changed(motion.at(reached), events=motion.events, stats=motion.stats)
+    inner = motion.fictitious
+    at_times = motion.at(reached)
+    if inner is not None:
+        at_times = changed(at_times, fictitious=changed(at_times.fictitious, events=inner.events))
+    return changed(at_times, events=motion.events, stats=motion.stats)
 
 
 @cache
