@@ -526,3 +526,16 @@ def test_many_steps_are_one_map():
         assert found == pytest.approx(wanted, rel=4e-16)
     for one, two in pairwise(of.up_to(31)):
         assert two.high == pytest.approx(2 * one.high + one.high @ one.high, abs=1e-15)
+
+
+def test_steps_that_were_not_kept_are_not_taken_again_for_hours():
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-(2.0**12) * v)
+    motion = vi.simulate(system, q0=1.0, v0=0.0, duration=1e6)
+    assert motion.k[-1] - len(motion) > 10**8
+    for name, work in {
+        "the action": lambda: motion.action,
+        "derivatives": motion.transition_matrix,
+    }.items():
+        with pytest.raises(vi.InputError, match=f"steps of this run were not kept, and .*{name}"):
+            work()

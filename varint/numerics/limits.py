@@ -13,6 +13,7 @@ from varint.errors import InputError
 
 CLOSED = 3  # so many unknowns are solved for by the adjugate matrix, which is straight-line code
 MOST_STEPS = 10**15  # years of the cheapest steps
+MOST_AGAIN = 10**8  # of a run that are taken once more: minutes
 SHORTEST, LONGEST = 1e-150, 1e150  # of a step: its square must be a number, too
 TICK = 2 * float(np.finfo(float).eps)  # of the time: steps this long come to different times
 BYTES = 8  # of a number
@@ -52,6 +53,15 @@ def check_steps(t0: float, h: float, steps: int) -> None:
         raise InputError(
             f"steps of h={h:g} do not move a clock at t={late:g}: numbers of double precision are "
             f"{np.spacing(late):.2g} apart there; begin nearer to t0=0 or take longer steps"
+        )
+
+
+def check_steps_again(between: int, what: str) -> None:
+    """Refuse to take so many steps between the nodes of a run once more."""
+    if between > MOST_AGAIN:
+        raise InputError(
+            f"{between:,} steps of this run were not kept, and {what} would take all of them once "
+            "more; run a shorter duration, or h and steps by which there are fewer"
         )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from varint.discrete.linear_flow import has_powers, powers
 from varint.errors import InputError
 from varint.numerics.arrays import over_columns
+from varint.numerics.limits import check_steps_again
 from varint.numerics.linear_maps import moved
 from varint.results.records import changed, whole_of
 from varint.results.trajectory import Trajectory
@@ -192,6 +193,7 @@ def sums_between(motion: Trajectory, integrand: Callable[[System], ca.Function])
         before = np.cumsum(sums_between(every, integrand), axis=0)
         before = np.concatenate((np.zeros((1, before.shape[1])), before))
         return np.diff(before[own], axis=0)
+    check_steps_again(int(motion.k[-1] - motion.k[0]) - len(motion), "sums such as the action")
     total = np.zeros((len(motion) - 1, 1))
     for active, scene, arguments in steps_ahead(
         motion, np.arange(len(motion) - 1), np.diff(motion.t)

@@ -16,6 +16,7 @@ from varint.integration.flight_choice import flights_for
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.trajectories import Run, trajectory_of
+from varint.numerics.limits import check_steps_again
 from varint.results.dense_output import with_all_nodes
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
@@ -89,6 +90,7 @@ def course_of(motion: Trajectory) -> Course:
     if motion.whole is not None and motion.whole.sizes is not None:
         return course_of(with_all_nodes(motion)[0])._replace(rows=motion)
     scene_of(motion)
+    check_steps_again(int(motion.k[-1] - motion.k[0]) - len(motion), "derivatives")
     if any(event.kind.startswith("divided in") for event in motion.events):
         raise InputError(
             "a step of this run failed and was taken in parts: its derivatives are not available; "
