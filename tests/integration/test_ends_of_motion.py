@@ -118,11 +118,13 @@ def test_friction_that_is_not_defined_at_rest_is_named_where_it_stops_a_body():
 
 
 def test_friction_that_is_hardly_rounded_is_followed_to_rest_and_beyond():
-    """Within a speed of 1e-5 it turns over: at a rate of 3e5, three million steps of a unit."""
+    """Within a speed of 1e-5 it turns over: at a rate of 3e5, three million equal steps of a unit,
+    or some fifty that are fitted, the long ones of which damp what is left of the speed slowly.
+    """
     q, v = vi.coordinates("x")
     scene = vi.System(q, v, v**2 / 2, force=-3 * v / ca.sqrt(v**2 + 1e-11))
     motion = vi.simulate(scene, q0=0.0, v0=2.0, duration=1.0)
-    assert motion.q[-1, 0] == pytest.approx(2 / 3, abs=1e-9) and abs(motion.v[-1, 0]) < 1e-12
+    assert motion.q[-1, 0] == pytest.approx(2 / 3, abs=1e-9) and abs(motion.v[-1, 0]) < 1e-11
     steep = vi.System(q, v, v**2 / 2, force=-3 * ca.tanh(v / 1e-9))
     with pytest.raises(vi.ConvergenceError, match=r"turns over within a tiny speed of x.*e\+09"):
         vi.simulate(steep, q0=0.0, v0=2.0, duration=1.0)

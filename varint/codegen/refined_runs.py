@@ -13,7 +13,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course, HeldLooks
 
-_COURSE = struct.Struct("13P11qP3qP2q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("13P11qP3qP3q")  # Refined, what belongs to the course
 
 
 class BendLooks(NamedTuple):
@@ -25,10 +25,13 @@ class BendLooks(NamedTuple):
         (q, v, t) → forces and the mass matrix' diagonal.
     looks : array (3, m)
         Parts of a step, and what makes the two highest coefficients of forces there.
+    closer : array (5, m + 2)
+        The same with both ends, and what makes of forces there how far those at the ends are off.
     """
 
     push: RowFunction
     looks: np.ndarray
+    closer: np.ndarray
 
 
 class StageLooks(NamedTuple):
@@ -59,6 +62,7 @@ def refined_course(
     held: HeldLooks | None = None,
     bends: BendLooks | None = None,
     growth: StageLooks | None = None,
+    fitted: int = 0,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
 
@@ -84,6 +88,8 @@ def refined_course(
         Of forces that bend with velocities.
     growth : StageLooks, optional
         Of motions whose steps may grow where they settle.
+    fitted : int
+        Steps at most of runs whose steps are shorter where forces bend; 0: none are.
 
     Raises
     ------
@@ -94,11 +100,13 @@ def refined_course(
     pushed = (x.at if x else 0 for x in forces or (bends and bends.push, None, None))
     places, *counted = looks
     arrays = limits, body, turns, places
-    pivots, bent = held and held.pivots, bends and bends.looks
+    pivots, counted_looks = held and held.pivots, bends.looks.shape[1] if bends else 0
+    bent = bends and np.concatenate((bends.looks.ravel(), bends.closer.ravel()))
     calls = on.run, on.scene, on.rows, on.energy, *pushed, *map(address_of, arrays)
     others = 0 if bent is None else address_of(bent), pivots.at if pivots else 0
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
-    kind = 0 if bent is None else bent.shape[1], int(held is not None), kernel.note[1]
-    steps = (0, 0, 0, 0, 0) if growth is None else (address_of(growth.heights), *growth.counts, 0)
+    kind = counted_looks, int(held is not None), kernel.note[1]
+    grown = (0, 0, 0, 0) if growth is None else (address_of(growth.heights), *growth.counts)
+    steps = *grown, 0, fitted
     head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:])
-    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, growth, *arrays))
+    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, bent, growth, *arrays))

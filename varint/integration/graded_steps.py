@@ -5,7 +5,8 @@ of the last one: where their highest Legendre coefficients say that steps twice 
 the motion, those that follow are, again and again. Every further run has the same stretches, with
 so many times the steps: nodes are counted and shared as those of equal steps, and the difference of
 two runs proves the error as it does there. Where the motion wakes up again, or the runs do not
-prove it, all steps are equal.
+prove it, all steps are equal. Steps that are shorter where forces bend are those of `fitted_steps`,
+in the same form.
 
 Two things bound how long they become. In no coordinate a step goes farther than steps of the usual
 size have gone before: what acts at a place alone is passed over no sooner than by equal steps. And

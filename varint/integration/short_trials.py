@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 import varint.integration.bent_steps as bent
+import varint.integration.fitted_steps as fitted
 import varint.integration.graded_steps as graded
 import varint.integration.hidden as hidden
 import varint.integration.narrow_places as narrow
@@ -83,6 +84,8 @@ _REFINED = np.array(
         *(limited.WAYS, limited.PARTED, limited.FAR_BELOW),
         *(bent.CLOSE, bent.BENT, bent.SURE),
         *(graded.QUIET, graded.SMOOTH, graded.FEWEST, graded.TURNED),
+        *(fitted.LOW, fitted.CLEAR, fitted.WORTH, fitted.LEAST_RUNS, fitted.BASE, fitted.AIMED),
+        *(fitted.PASSABLE, fitted.HALVED, fitted.PARTS, fitted.FARTHER),
         limited.LATE * limited.LATELY,
     ]
 )
@@ -222,7 +225,10 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
     pushed = None if looks_at_bends is None else as_data(push(system))
     if pushed is None and looks_at_bends is not None:
         return None
-    bends = None if pushed is None or looks_at_bends is None else BendLooks(pushed, looks_at_bends)
+    bends = None
+    if pushed is not None and looks_at_bends is not None:
+        closer = bent.closer_looks(looks_at_bends.shape[1])
+        bends = BendLooks(pushed, looks_at_bends, closer)
     body = np.arange(s.n)
     for members in bodies(system.names):
         body[members] = members[0]
@@ -241,9 +247,12 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
             )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
-            grows = grows and piloted and not (forces or driven or held or s.degenerate)
-            growth = graded.stage_looks(system, rule) if grows else None
-            return refined_course(*how, body, turns, repeated, held, bends, growth)
+            differ = grows and piloted and not (driven or held or s.degenerate)
+            growth = graded.stage_looks(system, rule) if differ and not forces else None
+            # as many in either gear
+            most = first_piece(kernel, False) if differ and bends else 0
+            others = held, bends, growth, most
+            return refined_course(*how, body, turns, repeated, *others)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()
         if held:  # as `tolerance` has them run, where long ones are looked at first

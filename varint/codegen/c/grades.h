@@ -1,12 +1,22 @@
 /* Steps of more than one size: longer ones where a motion settles. varint/integration/graded_steps.py says why; its numbers are
    `limits`. Nodes are counted, and shared by runs, as those of equal steps: every stretch has its steps times the same ratio. */
 #define PIECE 4   /* steps from one look to the next, or a multiple: a number that ratios of steps divide */
-#define STRETCHES 4
+#define GROWING 4 /* stretches of steps that grow at most */
+
+/* Where a stretch begins: its first node, the time of that, and the size of its steps. */
+typedef struct { int64_t first; double t, h; } Begin;
 
 typedef struct {
-    int64_t count, all, first[STRETCHES]; /* stretches, 0: steps are equal; steps of the run that has found them; where each begins */
-    double t[STRETCHES], h[STRETCHES], duration;
+    int64_t count, all, room; /* stretches, 0: steps are equal; steps of the run that has found them; stretches that there is room for */
+    double duration;
+    Begin *at, own[GROWING];
 } Grades;
+
+/* One stretch. */
+static void begin_grades(Grades *g, int64_t steps, double t0, double duration) {
+    g->count = 1, g->all = steps, g->room = GROWING, g->duration = duration, g->at = g->own;
+    g->own[0] = (Begin){0, t0, duration / steps};
+}
 
 /* Steps of one size: from which node on, until which, the time of the first and the size. */
 typedef struct { int64_t first, end; double t, h; } Stretch;
@@ -14,16 +24,21 @@ typedef struct { int64_t first, end; double t, h; } Stretch;
 /* That of the step behind node k of a run of so many steps. */
 static Stretch stretch_of(const Grades *g, double t0, double duration, int64_t steps, int64_t k) {
     if (!g->count) return (Stretch){0, steps, t0, duration / steps};
-    int64_t i = 0;
-    while (i + 1 < g->count && k * g->all >= g->first[i + 1] * steps) i++;
-    const int64_t end = i + 1 < g->count ? g->first[i + 1] * steps / g->all : steps;
-    return (Stretch){g->first[i] * steps / g->all, end, g->t[i], g->h[i] * ((double)g->all / (double)steps) * (duration / g->duration)};
+    int64_t i = 0, behind = g->count;
+    while (behind - i > 1) {
+        const int64_t middle = (i + behind) / 2;
+        if (k * g->all >= g->at[middle].first * steps) i = middle;
+        else behind = middle;
+    }
+    const Begin *const x = g->at + i;
+    const int64_t end = i + 1 < g->count ? x[1].first * steps / g->all : steps;
+    return (Stretch){x->first * steps / g->all, end, x->t, x->h * ((double)g->all / (double)steps) * (duration / g->duration)};
 }
 
 /* Whether a run of so many steps has nodes where their size changes, and one of `ratio` times as many. */
 static int is_divided(const Grades *g, int64_t steps, double ratio) {
     for (int64_t i = 0; i < g->count; i++) {
-        const double node = (double)(g->first[i] * steps / g->all) * ratio;
+        const double node = (double)(g->at[i].first * steps / g->all) * ratio;
         if (node != rint(node)) return 0;
     }
     return 1;
@@ -32,17 +47,17 @@ static int is_divided(const Grades *g, int64_t steps, double ratio) {
 /* The next steps are twice as long, or somewhat less, so that they come to the end and are no longer than `longest`; whether that
    makes them fewer. `done`: steps that are there. */
 static int grow(Grades *g, double longest, double end, int64_t done) {
-    const int64_t i = g->count - 1;
-    const double h = fabs(2 * g->h[i]) < longest ? fabs(2 * g->h[i]) : longest, now = g->t[i] + g->h[i] * (double)(done - g->first[i]),
+    Begin *const last = g->at + g->count - 1;
+    const double h = fabs(2 * last->h) < longest ? fabs(2 * last->h) : longest, now = last->t + last->h * (double)(done - last->first),
                  left = end - now, many = ceil(fabs(left) / h / PIECE) * PIECE;
-    if (g->count == STRETCHES || !(many >= 1) || done + (int64_t)many + PIECE > g->all) return 0;
-    g->first[i + 1] = done, g->t[i + 1] = now, g->h[i + 1] = left / many, g->all = done + (int64_t)many, g->count++;
+    if (g->count == GROWING || !(many >= 1) || done + (int64_t)many + PIECE > g->all) return 0;
+    last[1] = (Begin){done, now, left / many}, g->all = done + (int64_t)many, g->count++;
     return 1;
 }
 
 /* Node of the next look: the longer steps are of one size, the later. */
 static int64_t next_look(const Grades *g, int64_t done) {
-    const int64_t many = (done - g->first[g->count - 1]) / 2 / PIECE * PIECE, next = done + (many > PIECE ? many : PIECE);
+    const int64_t many = (done - g->at[g->count - 1].first) / 2 / PIECE * PIECE, next = done + (many > PIECE ? many : PIECE);
     return next < g->all ? next : g->all;
 }
 

@@ -7,7 +7,8 @@ typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, coarser, closely, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
-        close, bent, sure, quiet, smooth, fewest, turned, late, repeated;
+        close, bent, sure, quiet, smooth, fewest, turned,
+        low, clear, worth, least_runs, base, aimed, passable, halved, parts, farther, late, repeated;
 } Limits;
 
 typedef struct {
@@ -27,6 +28,7 @@ typedef struct {
     const double *heights;   /* those of grades.h; 0: all steps are equal */
     int64_t unknowns, stages, padded;
     Grades *grades;          /* 0: this is filled in here */
+    int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
     BEHIND_THE_COURSE
 } Refined;
@@ -44,10 +46,13 @@ static double level_for(const Refined *a, double wanted, int64_t steps) {
     return (wanted < a->limits->closely ? wanted : a->limits->closely) * (a->limits->level < often ? a->limits->level : often);
 }
 
+/* Steps at most of runs that are fitted to where forces bend: as many in every gear. */
+static int64_t farthest(const Refined *a) { return (int64_t)a->limits->farther * a->fitted; }
+
 /* Room for so many steps of a run, and what it carries on; 0 where there is none. */
 static double *make_room(const Refined *a, int64_t count, Attempt *to) {
     const int64_t n = a->n, told = 3 * n + sizeof(RunStats) / sizeof(double);
-    if (count > a->longest) return 0;
+    if (count > (a->fitted && a->grades->count ? farthest(a) : a->longest)) return 0;
     to->rows = memory_for(3 * n * (count + 1) + a->carry + told + room_of_notes(a->folds), to->rows, to->own);
     if (!to->rows) return 0;
     double *const carry = to->rows + 3 * n * (count + 1);
@@ -58,11 +63,12 @@ static double *make_room(const Refined *a, int64_t count, Attempt *to) {
     return carry;
 }
 
-/* Steps of the same size from node k on until another one, and what they tell; whether they were made. */
-static int go_on(const Refined *a, const double *start, double t0, double h, double level, double most, int64_t k, int64_t end, double *carry,
-                 RunStats *stats, double *notes, Attempt *to) {
+/* Steps of the same size from node k on, which lies `first` of them behind t0, until another one, and what they tell; whether they
+   were made. */
+static int go_on(const Refined *a, const double *start, double t0, int64_t first, double h, double level, double most, int64_t k, int64_t end,
+                 double *carry, RunStats *stats, double *notes, Attempt *to) {
     const int status = a->run(&(RunArguments){
-        .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
+        .steps = end - k, .save_every = 1, .first = first, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
         .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
         .without_velocities = !a->held && !a->search.sought && !a->bends});
     to->iterations += stats->iterations;
@@ -94,8 +100,10 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
         const Stretch here = stretch_of(a->grades, a->t0, a->duration, steps, from + k);
         const int64_t last = here.end - from < count ? here.end - from : count;
         end = !k && a->pilot && a->pilot < last ? a->pilot : last;
-        if (k && from + k == here.first) carry[0] = ANOTHER_SIZE, memcpy(begin, to->rows + 3 * n * k, 2 * n * sizeof(double));
-        go_on(a, begin, t0, here.h, level * coarser, most, k, end, carry, stats, notes, to);
+        const int graded = a->grades->count > 0;
+        if (k && from + k == here.first) /* slopes are for longer steps: what is fitted to bends begins anew */
+            carry[0] = a->grades->at == a->grades->own ? ANOTHER_SIZE : 0, memcpy(begin, to->rows + 3 * n * k, 2 * n * sizeof(double));
+        go_on(a, begin, graded ? here.t : t0, graded ? from + k - here.first : k, here.h, level * coarser, most, k, end, carry, stats, notes, to);
     }
     if (a->held) {
         const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, count, t0, h};
@@ -119,12 +127,12 @@ static int try_growing(const Refined *a, double wanted, int64_t steps, double co
     if (!carry) return 0;
     const Looked looked = {a->heights, n, a->unknowns, a->stages, a->padded, l->quiet, l->smooth * a->tol, largest, farthest};
     RunStats *const stats = (RunStats *)(carry + a->carry);
-    *g = (Grades){1, steps, {0}, {a->t0}, {a->duration / steps}, a->duration};
+    begin_grades(g, steps, a->t0, a->duration);
     memcpy(begin, a->start, 2 * n * sizeof(double)), memset(largest, 0, sizeof largest), memset(farthest, 0, sizeof farthest);
     for (int64_t k = 0, next, quiet = 0; k < g->all; k = next) {
-        const double h = g->h[g->count - 1];
+        const double h = g->at[g->count - 1].h;
         next = next_look(g, k);
-        if (!go_on(a, begin, a->t0, h, quiet ? level : level * coarser, most, k, next, carry, stats, 0, to)) break;
+        if (!go_on(a, begin, a->t0, k, h, quiet ? level : level * coarser, most, k, next, carry, stats, 0, to)) break;
         if (next == g->all) continue;
         const Seen now = look_at(&looked, carry, h, to->rows + 3 * n * k, next - k);
         to->lost = g->count > 1 && !now.shown;
@@ -153,6 +161,12 @@ static int64_t shared_parts(const Attempt *one, const Attempt *other) {
     const int64_t unit = common_divisor(one->steps, other->steps), mine = one->ended.whole / (one->steps / unit),
                   its = other->ended.whole / (other->steps / unit);
     return mine < its ? mine : its;
+}
+
+/* When a node of a run of so many steps is. */
+static double time_of_node(const Refined *a, int64_t steps, int64_t k) {
+    const Stretch here = stretch_of(a->grades, a->t0, a->duration, steps, k);
+    return here.h * (double)(k - here.first) + here.t;
 }
 
 /* A run of the whole duration, or until what is sought, which another one has found at this time. */

@@ -23,6 +23,7 @@
 #include "grades.h"
 #include "refined.h"
 #include "refined_errors.h"
+#include "fitted.h"
 #include "refined_forces.h"
 
 #define CUT_SHARED 3 /* nodes that runs which end early share at least: those of the whole duration have gone on, and show what was missed */
@@ -38,7 +39,8 @@ static int hand_over_graded(const Refined *a, const Attempt *run, Proved *to) {
     return 1;
 }
 
-/* A proof by runs whose first one may have steps that grow, and those behind it so many times the same; `runs` counts them. */
+/* A proof by runs whose first one may have steps that grow, and those behind it so many times the same, or by some that are fitted to
+   where forces bend; `runs` counts them. */
 static int prove(const Refined *a, int grows, int64_t *made) {
     const Limits *const l = a->limits;
     double memory[2][SHORT];
@@ -47,18 +49,35 @@ static int prove(const Refined *a, int grows, int64_t *made) {
     double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
-    while (runs < (int64_t)l->runs) {
+    Fits fits = {0};
+    while (runs - fits.count < (int64_t)l->runs) {
         const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
         if (repeated > a->tol) goto end;
-        if (!(grows && !runs ? try_growing(a, wanted, steps, l->coarser, &now) : try_whole(a, wanted, steps, ends, two ? 1 : l->coarser, &now)))
+        if (fits.equal && steps > farthest(a)) break;
+        if (fits.equal && !two) {
+            if (!try_divided(a, wanted, &now)) goto end;
+        } else if (!(grows && !runs ? try_growing(a, wanted, steps, l->coarser, &now)
+                                    : try_whole(a, wanted, steps, ends, two ? 1 : l->coarser, &now)))
             goto end;
         runs++, steps = now.steps;
         ends = is_cut(&now.ended) ? now.ended.end : INFINITY;
         if (now.lost) {
-            if (a->grades->count) break;
+            if (fits.equal || a->grades->count) break;
+            if (may_fit(a, steps) && runs >= (int64_t)l->least_runs) {
+                if (!begin_fits(a, &steps, &fits)) goto end;
+                two = stalls = 0, growth = between = 1, last = shown = INFINITY;
+                continue;
+            }
             runs -= l->repeated > 0; /* steps too long for a map, which was not made */
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
+        }
+        if (fits.equal && !two) {
+            set_scales(&measures, now.rows, 3 * a->n, now.ended.last, scales);
+            if (is_bent(a, &now, 1, wanted, scales, &fits)) {
+                if (!fit(a, &now, wanted, scales, &fits, &steps)) break;
+                continue;
+            }
         }
         if (two) {
             const int64_t unit = common_divisor(before.steps, steps), together = shared_parts(&before, &now);
@@ -109,6 +128,16 @@ static int prove(const Refined *a, int grows, int64_t *made) {
             }
             const int has_nodes = together >= CUT_SHARED || !is_cut(&now.ended);
             int begins_well = 1;
+            if (fits.equal && fits.parts == 1) { /* what looks at whole steps have missed */
+                fits.parts = (int64_t)l->parts, fits.least = INFINITY;
+                if (is_bent(a, &now, 0, wanted, scales, &fits)) {
+                    fits.equal = fits.equal * steps / before.steps; /* nodes of this run lie between pairs, or steps, of it */
+                    fits.equal *= 1 + fits.equal % 2;
+                    if (!fit(a, &now, wanted, scales, &fits, &steps)) break;
+                    two = stalls = 0, fits.least = INFINITY, ratio = l->near, last = shown = INFINITY;
+                    continue;
+                }
+            }
             if (off < l->no_digits && estimate <= a->tol && has_nodes) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
@@ -132,6 +161,15 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                     goto end;
                 }
             }
+            if (may_fit(a, steps) && last < l->tells && order < l->low && off < l->clear &&
+                (double)steps * cbrt(estimate / a->tol) > l->worth) {
+                const int64_t there = steps;
+                growth = between = 1; /* bends look like growth */
+                if (!begin_fits(a, &steps, &fits)) goto end;
+                if (steps == there && !fit(a, &now, a->tol, scales, &fits, &steps)) break;
+                two = stalls = 0, ratio = l->near, last = shown = INFINITY;
+                continue;
+            }
             const double next = off * pow(l->near, -l->caution * (double)a->order);
             const int closer = begins_well && has_nodes && !stalls && left_of(a, next, l->near, (double)a->order) <= a->tol;
             last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, l->near) ? l->near : l->far;
@@ -152,9 +190,12 @@ int refined(const Refined *asked) {
     Refined own = *asked;
     own.grades = &grades;
     int64_t runs = 0;
-    const int grows = own.heights && !own.search.sought && own.first >= (int64_t)own.limits->fewest,
-              result = prove(&own, grows, &runs);
-    if (!grades.count || result < PROVED) return result;
-    grades.count = 0; /* steps that grew have not proved it: equal ones */
-    return prove(&own, 0, &runs);
+    int grows = own.heights && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
+    if (own.search.sought) own.fitted = 0;
+    for (;;) { /* until steps that differ have proved it, or equal ones are to */
+        const int result = prove(&own, grows, &runs), fitted = grades.at && grades.at != grades.own;
+        if (fitted) free(grades.at), grades.at = 0, own.fitted = 0;
+        if (!(fitted || grades.count) || result < PROVED) return result;
+        grades.count = grows = 0;
+    }
 }

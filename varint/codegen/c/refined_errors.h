@@ -73,7 +73,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     if (!(here > l->at_once * last)) return 0;
     const int64_t end = k < all ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
     Attempt fine = {0};
-    const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
+    const double t0 = time_of_node(a, now->steps, each * (k - 1));
     const double *const node = now->rows + many * (k - 1);
     if (!try_from(a, node, node + 2 * n, t0, wanted, parts * now->steps, parts * each * (k - 1), parts * each * over, 1, &fine) || fine.lost)
         made = INFINITY;
@@ -88,8 +88,8 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
 static double made_by_bends(const Refined *a, const Attempt *run, double wanted, const double *of_coordinates) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, steps = run->ended.whole, parts = (int64_t)l->narrow_parts;
-    const Bends of = {a->rows, a->push, a->c, a->bends, a->bends + a->bend_looks, n, a->bend_looks};
-    double few[SHORT], *const sharp = memory_for(steps + ROOM_OF_BENDS(n, a->bend_looks), few, few), scales[2 * n], made = 0;
+    const Bends of = {a->rows, a->push, a->c, a->bends, a->bends + a->bend_looks, n, a->bend_looks, 2};
+    double few[SHORT], *const sharp = memory_for(steps + ROOM_OF_BENDS(n, of.looks, of.numbers), few, few), scales[2 * n], made = 0;
     set_both_scales(a, run, of_coordinates, scales);
     if (!sharp) made = INFINITY;
     for (int64_t k = 0, end; k < steps && made < INFINITY; k = end) {
@@ -103,7 +103,7 @@ static double made_by_bends(const Refined *a, const Attempt *run, double wanted,
         if (end++ == k) continue;
         const double *const node = run->rows + 3 * n * k;
         double most = 0;
-        const double begins = a->duration / run->steps * (double)k + a->t0;
+        const double begins = time_of_node(a, run->steps, k);
         if (!try_from(a, node, node + 2 * n, begins, wanted, parts * run->steps, parts * k, parts * (end - 1 - k), 1, &fine) || fine.lost)
             most = INFINITY;
         for (int64_t i = 0; i < end - k && most < INFINITY; i++) {
