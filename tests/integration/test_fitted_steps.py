@@ -7,16 +7,11 @@ import pickle
 import casadi as ca
 import numpy as np
 import pytest
+from both_gears import require_same_bytes
 from scipy.integrate import solve_ivp
 
 import varint as vi
-from varint.codegen.gauss import gauss_kernel
-from varint.codegen.native import native_gauss
-from varint.integration import short_trials
 from varint.integration.bent_steps import closer_looks
-from varint.integration.problem import RunOptions, Start, initial_value_problem
-from varint.integration.short_trials import by_short_trials
-from varint.integration.small_motions import small_motions_at_start
 
 FORCES = {
     "root": (lambda v, e: v / ca.sqrt(v**2 + e**2), lambda v, e: v / np.sqrt(v**2 + e**2)),
@@ -137,21 +132,8 @@ def test_smooth_forces_have_equal_steps():
 
 @pytest.mark.parametrize("scene", (pendulum(), driven(), two_masses()))
 def test_nodes_are_the_same_as_data_and_compiled(scene, monkeypatch):
-    rule, n = vi.gauss(8), scene.structure.n
-    problem = initial_value_problem(
-        scene, rule, Start([2.0] * n, [0.1] * n), RunOptions(steps=1, duration=8.0)
-    )
-    mass = small_motions_at_start(scene, problem.q0, problem.p0, problem.t0, problem.c)[1]
-    found = []
-    for kernel in (native_gauss(scene, rule), gauss_kernel(scene, rule)):
-        monkeypatch.setattr(short_trials, "kernel_for", lambda *_, kernel=kernel: kernel)
-        asked = scene, rule, problem, mass, 1e-10, (25.0, 25.0), "auto", 0.0
-        found.append(by_short_trials(*asked, grows=True))
-    one, other = (x.motion for x in found)
-    assert one.sizes is not None
-    for name in ("t", "q", "p", "v", "sizes"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
-    assert found[0].estimate == found[1].estimate
+    n = scene.structure.n
+    require_same_bytes(monkeypatch, scene, [2.0] * n, [0.1] * n, 8.0, 1e-10, 25.0)
 
 
 @pytest.mark.parametrize("make", (pendulum, driven))

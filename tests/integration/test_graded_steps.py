@@ -5,15 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from both_gears import require_same_bytes
 
 import varint as vi
-from varint.codegen.gauss import gauss_kernel
-from varint.codegen.native import native_gauss
-from varint.integration import short_trials
 from varint.integration.graded_steps import TURNED, stage_looks
-from varint.integration.problem import RunOptions, Start, initial_value_problem
-from varint.integration.short_trials import by_short_trials
-from varint.integration.small_motions import small_motions_at_start
 
 
 def pendulum():
@@ -74,21 +69,7 @@ def test_rest_costs_few_steps():
 
 
 def test_nodes_are_the_same_as_data_and_compiled(monkeypatch):
-    scene, rule = pendulum(), vi.gauss(8)
-    problem = initial_value_problem(
-        scene, rule, Start([1.0], [0.0]), RunOptions(steps=1, duration=60.0)
-    )
-    mass = small_motions_at_start(scene, problem.q0, problem.p0, problem.t0, problem.c)[1]
-    found = []
-    for kernel in (native_gauss(scene, rule), gauss_kernel(scene, rule)):
-        monkeypatch.setattr(short_trials, "kernel_for", lambda *_, kernel=kernel: kernel)
-        asked = scene, rule, problem, mass, 1e-6, (188.0, 188.0), "auto", 0.0
-        found.append(by_short_trials(*asked, grows=True))
-    one, other = (x.motion for x in found)
-    assert one.sizes is not None
-    for name in ("t", "q", "p", "sizes"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
-    assert found[0].estimate == found[1].estimate
+    require_same_bytes(monkeypatch, pendulum(), [1.0], [0.0], 60.0, 1e-6, 188.0)
 
 
 def test_the_longer_way_takes_the_same_steps():

@@ -95,18 +95,17 @@ def run_chosen(
 
 
 def chosen_member(system: System, rule: Rule | None, members: Members, i: int) -> Trajectory:
-    """One member once more, up to its failure, quietly: with the nodes of all members, or its own
-    where shorter steps from those would not know of impacts and rows of controls between.
+    """One member once more, up to its failure, quietly, with the nodes of all members; with its own
+    where it has none of those.
 
     Raises
     ------
     ConvergenceError
         If it did not move at all.
     """
-    rows = members.steps > 1 or system.structure.contacts
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        motion = None if rows else chosen_nodes(system, rule, members, i)
+        motion = chosen_nodes(system, rule, members, i)
         if motion is None:
             try:
                 motion = run_chosen(system, rule, members, i)

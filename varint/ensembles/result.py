@@ -95,8 +95,8 @@ class Ensemble:
 
     def __getitem__(self, i: int) -> Trajectory:
         """The trajectory of one member, up to its failure if it failed; one with contacts, or whose
-        steps are chosen, is run again. With contacts or tables of controls it has all nodes of its
-        own, and else those of the ensemble.
+        steps are chosen, is run again. With contacts it has all nodes of its own where steps are
+        given, and else those of the ensemble.
         """
         i = range(len(self))[i]
         if self.members.asked is not None:
