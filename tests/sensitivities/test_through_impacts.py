@@ -297,6 +297,25 @@ def test_nodes_left_out_of_a_run_with_impacts_are_computed_once_more():
     assert np.abs(within - by_runs(state, start[:-1])).max() < 1e-8
 
 
+@pytest.mark.parametrize("end", [0.44, 0.4605, 0.47, 0.478])  # the first impact is at √(2/9.81)
+def test_nodes_that_are_left_end_the_run_where_they_end(end):
+    system = ball()
+    whole = vi.simulate(system, vi.lobatto(3), q0=1.0, v0=0.0, h=0.0151, steps=40)
+    few = whole.at([0.0, 0.2, end])
+    assert vi.gradient(few, ca.SX(1)).value == pytest.approx(end, rel=1e-14)  # ∫ dt
+    every = whole.at(np.append(whole.t[whole.t < end], end))
+    found = few.transition_matrix()
+    assert np.abs(found - every.transition_matrix()).max() < 1e-11
+    assert np.abs(found - vi.sensitivity(few, ["q0", "p0"])[-1]).max() < 1e-11
+
+
+def test_every_other_node_may_end_at_an_impact():
+    motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=0.0151, steps=40)
+    hit = int(np.flatnonzero(motion.t == motion.events[0].time)[-1])
+    wanted = motion[: hit + 1].transition_matrix()
+    assert np.abs(motion[0 : hit + 1 : hit].transition_matrix() - wanted).max() < 1e-11
+
+
 def test_a_part_of_a_run_with_impacts_begins_where_it_begins():
     run, start, _ = SCENES["box"]()
     motion = run(start)

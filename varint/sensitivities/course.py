@@ -17,7 +17,7 @@ from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.trajectories import Run, trajectory_of
 from varint.numerics.limits import check_steps_again
-from varint.results.dense_output import with_all_nodes
+from varint.results.dense_output import node_tolerance, with_all_nodes
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
@@ -210,7 +210,20 @@ def _of_contacts(motion: Trajectory) -> Trajectory:
     flights = flights_for(motion.system, motion.rule, problem, backend)
     blocks = list(contact_run(motion.system, motion.rule, problem, flights=flights))
     chosen = plan(motion.active_sets[motion.active_set[0]].scene(motion.system), motion.rule)
-    return trajectory_of(Run(motion.system, chosen, problem, blocks, iter(()), None, 0.0), blocks)
+    run = Run(motion.system, chosen, problem, blocks, iter(()), None, 0.0)
+    return _until_last(trajectory_of(run, blocks), motion)
+
+
+def _until_last(course: Trajectory, motion: Trajectory) -> Trajectory:
+    """The course without what comes behind the motion's last node, which ends it."""
+    forward, near = np.sign(motion.h), node_tolerance(motion) * abs(motion.h)
+    end = forward * motion.t[-1]
+    part = course[: np.searchsorted(forward * course.t, end + near, side="right")]
+    if forward * part.t[-1] >= end - near:
+        return part
+    ends = {name: np.append(getattr(part, name), getattr(motion, name)[-1:], 0) for name in "tqpk"}
+    assert part.active_set is not None
+    return replace(part, **ends, active_set=np.append(part.active_set, part.active_set[-1]))
 
 
 def _has_whole(motion: Trajectory, whole: np.ndarray) -> bool:
