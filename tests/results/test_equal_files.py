@@ -46,3 +46,14 @@ def test_arrays_in_any_order_of_memory_and_of_no_size_come_back(tmp_path):
         for name, x in arrays.items():
             np.testing.assert_array_equal(found[name], x)
             assert found[name].dtype.isnative and found[name].shape == np.shape(x)
+
+
+def test_states_between_nodes_come_back_bit_for_bit_whatever_found_them(tmp_path):
+    ball = vi.models.slide_off_sphere()
+    times = np.linspace(0.0, -0.38, 40)
+    for backend in ("auto", "interpreted"):
+        start = dict(q0=ball.q0, v0=ball.v0, h=-0.01, steps=38, backend=backend)
+        motion = vi.simulate(ball.system, **start)
+        motion.save(tmp_path / "motion.npz")
+        there, again = motion.at(times), vi.load(tmp_path / "motion.npz").at(times)
+        assert there.q.tobytes() == again.q.tobytes() and there.p.tobytes() == again.p.tobytes()

@@ -10,13 +10,13 @@ import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.errors import InputError
-from varint.integration.many_steps import steps_again
+from varint.integration.many_steps import in_gear, interpreted, steps_again
 from varint.integration.switches.within_rows import dense_output_of
 from varint.integration.time_transformation.physical_time import at_times
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite
 from varint.results.records import Event
-from varint.results.save import ARRAYS, INNER, OPTIONAL, SWITCHES, WHOLE
+from varint.results.save import ARRAYS, BY_HAND, INNER, OPTIONAL, SWITCHES, WHOLE
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.serialisation import rule_of
@@ -76,12 +76,13 @@ def _assembled(
         raise InputError("h must not be zero")
     nodes = _checked(system, rule, arrays, len(active_sets))
     v = nodes.pop("v", None)
+    by_hand = field_of(header, BY_HAND, bool | None)
     motion = Trajectory(
         system=system,
         rule=rule,
         h=h,
         origin=field_of(header, "origin", float | None),
-        functions=steps_again(rule),
+        functions=steps_again(rule, interpreted if by_hand else in_gear),
         active_sets=active_sets,
         events=field_of(header, "events", tuple[Event, ...]),
         stats=MappingProxyType(stats),

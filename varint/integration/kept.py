@@ -22,7 +22,6 @@ from varint.errors import InputError, parsed_or_refused
 from varint.integration.checkpoint import Checkpoint, path_of, watched_as_words
 from varint.integration.fixed_steps import watches_of
 from varint.integration.from_files import whole_motion
-from varint.integration.many_steps import interpreted, steps_again
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start
 from varint.integration.switches.joined import BetweenNodes
@@ -41,7 +40,7 @@ from varint.scene.system import System
 
 FORMAT = "varint checkpoint of a motion 1"
 NOT_KEPT = "the motion is not kept in its checkpoint: {}"
-SCALE, BY_HAND = "time scale", "interpreted"  # in headers
+SCALE = "time scale"  # in headers
 Parts = tuple[dict[str, Any], dict[str, Any]]  # what is not an array, and what is
 
 
@@ -122,21 +121,15 @@ def _contents(file: Checkpoint, motion: Trajectory, told: list[str]) -> Parts:
         raise InputError(f"{file.path} has been written meanwhile, by another run")
     header, arrays = parts_of(motion)
     header |= {"format": FORMAT, "identity": file.identity, "warnings": told}
-    header[BY_HAND] = _by_hand(motion)
     known = {"": motion}
     inner = motion.fictitious
     if inner is not None:
         known[INNER] = inner
-        header["fictitious"] |= {SCALE: _word_of(motion.system, inner), BY_HAND: _by_hand(inner)}
+        header["fictitious"][SCALE] = _word_of(motion.system, inner)
     for first, one in known.items():
         if "v" in one.__dict__:  # by the loop, to its last digit
             arrays[first + "v"] = one.v
     return header, arrays
-
-
-def _by_hand(motion: Trajectory) -> bool:
-    """Whether shorter steps between its nodes are interpreted ones."""
-    return getattr(motion.functions.ends, "func", None) is interpreted
 
 
 def _word_of(system: System, inner: Trajectory) -> str:
@@ -164,10 +157,10 @@ def _read(
         inner, between, scene = motion.fictitious, motion.dense_output, system
         if inner is not None:
             scene = inner.system
-            _say_how(inner, header["fictitious"], scene)
+            _say_how(inner, scene)
         elif isinstance(between, (BetweenNodes, WithinRows)):
             scene = first_scene(system, between).system
-        _say_how(motion, header, scene)
+        _say_how(motion, scene)
     except InputError as error:
         raise InputError(f"the checkpoint is not whole: {error}") from None
     except Exception as error:  # what a foreign header makes fail; a whole one fails in nothing
@@ -176,11 +169,9 @@ def _read(
     return motion, told
 
 
-def _say_how(motion: Trajectory, header: dict[str, Any], scene: System) -> None:
+def _say_how(motion: Trajectory, scene: System) -> None:
     """Give a motion that was just read what its header says in words: the plan, of the scene whose
-    steps it has, and how they are taken once more.
+    steps it has.
     """
     stats = {**motion.stats, "plan": plan(scene, motion.rule)}
     motion.__dict__["stats"] = MappingProxyType(stats)
-    if field_of(header, BY_HAND, bool):
-        motion.__dict__["functions"] = steps_again(motion.rule, interpreted)

@@ -69,7 +69,7 @@ def steps_again(
     rule: Rule, by: Callable[[Rule, System, np.ndarray], Steps] = in_gear
 ) -> StepsAgain:
     """How the steps of a motion by a rule are taken once more."""
-    return StepsAgain(partial(by, rule), partial(_action, rule))
+    return StepsAgain(partial(by, rule), partial(_action, rule), by is interpreted)
 
 
 def _action(rule: Rule, system: System) -> ca.Function:

@@ -97,10 +97,13 @@ class StepsAgain(NamedTuple):
         ends.
     action : callable
         scene → (q0, p0, u, params, t, h) → discrete action of a step.
+    by_hand : bool
+        Whether ends are interpreted ones, by no loop.
     """
 
     ends: Callable[[System, np.ndarray], Callable[..., tuple[np.ndarray, np.ndarray]]]
     action: Callable[[System], ca.Function]
+    by_hand: bool = False
 
 
 IMPACTS = ("impact", "stop")  # events at which velocities jump

@@ -17,6 +17,7 @@ from varint.results.trajectory import Trajectory
 from varint.scene.serialisation import describe
 
 FORMAT = "varint trajectory 2"
+BY_HAND = "interpreted"  # in headers: steps that are taken once more are
 INNER = "fictitious_"  # before the names of arrays in fictitious time
 WHOLE = "whole_"  # before those of the motion with all nodes
 SWITCHES = "switches_"  # before those of the branches of a scene that switches
@@ -69,6 +70,7 @@ def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
     header = {
         "h": trajectory.h,
         "origin": trajectory.origin,
+        BY_HAND: trajectory.functions.by_hand,
         "rule": plain(trajectory.rule),
         "phases": plain(trajectory.active_sets),
         "events": plain(trajectory.events),
