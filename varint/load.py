@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from varint.boundary import leaning
 from varint.boundary.minimise import ActiveBounds
 from varint.control.solution import ControlSolution, from_arrays
 from varint.errors import InputError
@@ -15,6 +14,7 @@ from varint.integration.from_files import taken, whole_motion
 from varint.numerics.archive import read_archive
 from varint.numerics.plain import field_of, record_of
 from varint.orbits.files import FORMAT as ORBITS
+from varint.results.leaning import at_times
 from varint.results.save import CONTROL, FORMAT, as_path, file_path
 from varint.results.trajectory import Trajectory
 from varint.scene.serialisation import UNTRUSTED, revive
@@ -97,8 +97,9 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
         _check_control(motion, solution)
         return replace(motion, solution=solution)
     if "bounds" in header:
-        bounds = _bounds(motion, header["bounds"])
-        return replace(motion, solution=bounds, dense_output=leaning.at_times)
+        path = {"solution": _bounds(motion, header["bounds"]), "dense_output": at_times}
+        whole = motion.whole and replace(motion.whole, **path)
+        return replace(motion, whole=whole, **path)
     return motion
 
 

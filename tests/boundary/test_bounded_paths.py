@@ -1,5 +1,7 @@
 """Paths of least action within bounds: obstacles, held coordinates, contradictions."""
 
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -109,3 +111,63 @@ def test_bounds_that_contradict_each_other_on_the_way_fail_with_ipopts_word():
         )
     assert caught.value.status == "Infeasible_Problem_Detected"
     assert len(caught.value.iterate) == 11
+
+
+def leaning():
+    """Past the unit disc on its upper side, by 24 steps."""
+    scene = free_particle()
+    given = dict(q_start=[-2, 0], q_end=[2, 0.1], guess=[[-2, 0], [0, 1.5], [2, 0.1]])
+    bounds = [(1, ca.sumsqr(scene.q), None)]
+    return vi.least_action(scene, vi.gauss(3), duration=2.0, steps=24, bounds=bounds, **given)
+
+
+def test_parts_and_copies_of_a_path_that_leans_are_parts_and_copies_of_it(tmp_path):
+    path, times = leaning(), np.linspace(0.0, 2.0, 60)
+    path.save(tmp_path / "path.npz")
+    few, loaded = path[::5], vi.load(tmp_path / "path.npz")
+    few.save(tmp_path / "few.npz")
+    dense = path.at(times)
+    for part in (few, loaded, pickle.loads(pickle.dumps(path)), vi.load(tmp_path / "few.npz")):
+        inside = times <= part.t[-1]
+        assert np.array_equal(part.at(times[inside]).q, dense.q[inside])
+        whole = path[: 5 * (len(part) - 1) + 1] if part.t[-1] < 2 else path
+        assert part.action == pytest.approx(whole.action, rel=1e-13)
+    assert np.array_equal(dense.at(path.t).q, path.q)
+    assert path[:8].action + path[7:].action == pytest.approx(path.action, rel=1e-13)
+    t = np.linspace(0.0, 2.0, 20_001)
+    speed = np.linalg.norm(path.at(t).v, axis=1)
+    assert dense.action == pytest.approx(np.trapezoid(speed**2 / 2, t), rel=1e-6)
+    assert path.action == pytest.approx(dense.action, rel=1e-6)
+
+
+def test_what_needs_a_motion_refuses_a_path_that_leans_in_words():
+    path = leaning()
+    every = {
+        "transition": path.transition_matrix,
+        "tangents": lambda: vi.sensitivity(path),
+        "adjoints": lambda: vi.gradient(path, terminal_loss=path.system.q[0]),
+        "ends": lambda: vi.action_derivatives(path),
+        "momenta": path.conserved,
+        "sums": lambda: path.sums(path.functions.action),
+        "part": path[:6].transition_matrix,
+    }
+    for call in every.values():
+        with pytest.raises(vi.InputError, match="leans on its bounds"):
+            call()
+
+
+@pytest.mark.parametrize("most", [50.0, 6.0, 5.0001])  # x² + y² comes to 5
+def test_bounds_that_are_not_met_are_not_leant_on(most):
+    scene = free_particle()
+    ends = dict(q_start=[0, 0], q_end=[1, 2], duration=1.0, steps=10)
+    bounds = [(None, ca.sumsqr(scene.q), most)]
+    path = vi.least_action(scene, vi.gauss(2), bounds=bounds, **ends)
+    assert not path.solution.touches.any() and not path.solution.multipliers.any()
+    assert path.morse_index == 0
+    assert path.transition_matrix()[:2, 2:] == pytest.approx(np.eye(2), abs=1e-12)
+    slid = vi.System(scene.q, scene.v, scene.lagrangian - 9.81 * scene.q[1])  # up, if it could
+    held = vi.least_action(
+        slid, vi.gauss(2), bounds=[(None, scene.q[1], 0.0)], **ends | dict(q_end=[1, 0])
+    )
+    assert held.solution.touches[1:-1].all()
+    assert held.solution.multipliers[1:-1] == pytest.approx(-9.81, rel=1e-6)

@@ -21,6 +21,7 @@ from varint.boundary.stationary import BoundaryValueProblem, interval_data, inte
 from varint.errors import InputError
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import step_controls
+from varint.results.records import require_motion
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
@@ -123,6 +124,7 @@ def _restate(path: Trajectory) -> tuple[BoundaryValueProblem, Iterate]:
         )
     if system.structure.degenerate:
         raise InputError("the Lagrangian is degenerate: the ends do not determine a path")
+    require_motion(path, "what its momenta do when the ends move is not known")
     require_every_step(path)
     found = interval_paths(path, np.arange(steps), step_sizes(path), None)
     d = found.increments.shape[1]

@@ -104,7 +104,8 @@ def least_action(
     Trajectory
         With forces it is the path of the Lagrange–d'Alembert principle. Started from its first q
         and p, `simulate` reproduces it to round-off, where all steps are equal. With bounds,
-        `solution` tells where the path leans on them (`ActiveBounds`). ``stats["error_estimate"]``
+        `solution` tells where the path leans on them (`ActiveBounds`); such a path is no motion
+        from its start, and has no derivatives by it. ``stats["error_estimate"]``
         is the path's own error as for `tol` (of a path of least action that of q and the duration
         alone), measured by the path with every step halved; where it is large a warning says so.
         With a `guess`, ``stats["winding"]`` says how often the path goes round each place where the

@@ -18,7 +18,6 @@ import numpy as np
 
 from varint.boundary.divided_steps import split_steps
 from varint.boundary.iterate import Iterate, iterate_through
-from varint.boundary.leaning import at_times
 from varint.boundary.least_action_program import (
     Layout,
     least_action_program,
@@ -26,13 +25,15 @@ from varint.boundary.least_action_program import (
 )
 from varint.boundary.newton import coordinate_ranges
 from varint.boundary.result import trajectory_of
-from varint.boundary.stationary import BoundaryValueProblem
+from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
 from varint.errors import InputError, SolverError
 from varint.nlp.arrangement import Scales, natural_scales, plain_order
 from varint.nlp.bounds import PathBounds, path_bounds
+from varint.nlp.kkt import activity
 from varint.nlp.options import WORDS
 from varint.nlp.solver import SolverResult, build_solver
 from varint.numerics.arrays import over_columns
+from varint.results.leaning import at_times
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import interpolatory_weights
 
@@ -207,7 +208,9 @@ def _active_bounds(
     bounded: PathBounds,
     outcome: SolverResult,
 ) -> ActiveBounds:
-    """Multipliers of the bounds per unit of time."""
+    """Multipliers of the bounds per unit of time; zero where the path does not lean on them, of
+    which an interior point method leaves a little everywhere.
+    """
     s = problem.system
     simple = np.flatnonzero(np.isfinite(bounded.q).any(axis=0))
     lam = np.zeros((len(layout.points), len(simple) + bounded.at_points.numel()))
@@ -215,12 +218,31 @@ def _active_bounds(
     lam[layout.inner, len(simple) :] = outcome.lam_g[layout.bounded]
     expressions = ca.vertcat(*(s.q[int(i)] for i in simple), bounded.at_points)
     t = problem.t0 + minimum.duration * problem.point_shares
-    values = ca.Function("values", [s.q, s.t, s.c], [expressions])
+    slopes = ca.densify(ca.jacobian(expressions, s.q))
+    given = minimum.points, t[:, None], problem.c
+    values, slopes = over_columns(
+        ca.Function("values", [s.q, s.t, s.c], [ca.densify(expressions), slopes]), *given
+    )
+    limits = zip(bounded.q, (bounded.points_low, bounded.points_high), strict=True)
+    low, high = (np.append(q[simple], points) for q, points in limits)
+    # units of the bounds and of the action: that a bound is held shows by many orders
+    reach = np.abs(minimum.points).max(axis=0)
+    size = np.maximum(
+        np.abs(values).max(axis=0),
+        np.abs(slopes).max(axis=0).reshape(len(reach), -1).max(axis=0) * reach.max(),
+    )
+    action = (
+        abs(outcome.cost)
+        + (np.abs(momenta_and_action(problem, minimum)[0]).max(axis=0) * reach).max()
+    )
+    tiny = np.finfo(float).tiny
+    price = np.maximum(action, tiny) / np.maximum(size, tiny)
+    lam[~activity(values, low, high, lam, np.maximum(size, tiny), price).active] = 0.0
     return ActiveBounds(
         tuple(str(x) for x in ca.vertsplit(expressions)),
         t,
         minimum.points,
-        over_columns(values, minimum.points, t[:, None], problem.c)[0],
+        values,
         -lam / _point_weights(problem, minimum.duration)[:, None],
         outcome.status,
     )

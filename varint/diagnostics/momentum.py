@@ -17,6 +17,7 @@ from varint.errors import InputError
 from varint.integration.step_function import along_step, over_parts
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import with_all_nodes
+from varint.results.records import require_motion
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -210,6 +211,7 @@ def momentum_map(motion: Trajectory, symmetry: Symmetry) -> MomentumMap:
         raise InputError(
             "this symmetry is one of another system; find it with symmetries(trajectory.system)"
         )
+    require_motion(motion, "their forces change momenta, and there is no balance")
     if symmetry.params is not None and not np.array_equal(symmetry.params, motion.c):
         raise InputError(
             "this symmetry holds at other parameter values only; use symmetries(system, "

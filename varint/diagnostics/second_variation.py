@@ -16,6 +16,7 @@ import numpy as np
 
 from varint.boundary.recovered import interval_paths, require_every_step, step_sizes
 from varint.errors import InputError
+from varint.results.records import require_motion
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -136,11 +137,7 @@ def _has_action(trajectory: Trajectory) -> None:
             "only regular scenes without non-holonomic rows and contacts have a second variation"
         )
     require_every_step(trajectory)
-    if np.any(getattr(trajectory.solution, "touches", False)):
-        raise InputError(
-            "the path leans on its bounds: it is least among the paths within them, and has no "
-            "index"
-        )
+    require_motion(trajectory, "it is least among the paths within them, and has no index")
     mass = ca.Function(
         "mass", [system.q, system.v, system.t, system.c], [ca.densify(system.mass_matrix)]
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from varint.errors import InputError
 from varint.scene.rays import make_nodes_unit
 
 if TYPE_CHECKING:
@@ -66,15 +67,28 @@ def changed(motion: Any, **changes: Any) -> Any:
     return other
 
 
+def leans(motion: Any) -> bool:
+    """Whether it is a path of least action that leans on its bounds: there it is no motion, and
+    steps from its nodes lead elsewhere.
+    """
+    return bool(np.any(getattr(motion.solution, "touches", False)))
+
+
+def require_motion(motion: Any, why: str) -> None:
+    """Refuse a path that leans on its bounds, and say why."""
+    if leans(motion):
+        raise InputError(f"the path leans on its bounds: {why}")
+
+
 def whole_of(motion: Any) -> Any:
     """The motion that knows what lies between other nodes than all of its own; None where each step
-    does: all have one size, nothing is hit, and no controls follow each other.
+    does: all have one size, nothing is hit or leant on, and no controls follow each other.
     """
     if motion.whole is not None:
         return motion.whole
     s = motion.system.structure
     apart = motion.sizes is not None or s.contacts or (s.controls and len(motion.u) > 1)
-    return motion if apart else None
+    return motion if apart or leans(motion) else None
 
 
 class State(NamedTuple):

@@ -22,7 +22,9 @@ from varint.results.records import (
     State,
     StepsAgain,
     changed,
+    leans,
     made_at_first_look,
+    require_motion,
     whole_of,
 )
 from varint.rules.rule import Rule
@@ -202,6 +204,8 @@ class Trajectory:
         from varint.results.dense_output import controls_at_nodes
 
         rows, u = self.system.structure, controls_at_nodes(self)
+        if rows.constraints:
+            require_motion(self, "what these add to the multipliers is not known")
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
         for nodes, active_set in self._active_sets():
             args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
@@ -281,6 +285,10 @@ class Trajectory:
                 return inner.action - start * float(inner.q[-1, n] - inner.q[0, n])
             # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
             return inner.action - (energy + start) * self.duration
+        if leans(self):
+            from varint.results.leaning import action_of
+
+            return action_of(self)
         return float(self.sums(self.functions.action).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:

@@ -16,6 +16,7 @@ from varint.integration.backend import blocks_of, kernel_for, run_at_once
 from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import step_controls
+from varint.results.records import require_motion
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -75,6 +76,7 @@ def scene_of(motion: Trajectory) -> System:
         )
     if len(motion) < 2:
         raise InputError("the run has no step to differentiate")
+    require_motion(motion, "there it is no motion from its start, and has no derivatives by it")
     sets = motion.active_sets
     if motion.system.structure.contacts or not sets:
         return motion.system
