@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -97,9 +98,9 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
         _check_control(motion, solution)
         return replace(motion, solution=solution)
     if "bounds" in header:
-        path = {"solution": _bounds(motion, header["bounds"]), "dense_output": at_times}
-        whole = motion.whole and replace(motion.whole, **path)
-        return replace(motion, whole=whole, **path)
+        path = partial(replace, solution=_bounds(motion, header["bounds"]), dense_output=at_times)
+        whole = None if motion.whole is None else path(motion.whole)
+        return path(motion, whole=whole)
     return motion
 
 

@@ -63,6 +63,7 @@ def trajectory_of(
         q=q,
         p=p,
         h=mean,
+        origin=problem.t0,
         k=np.arange(problem.steps + 1),
         u=problem.u.reshape(problem.steps, len(rule.nodes), -1),
         c=problem.c,

@@ -78,6 +78,7 @@ def _trajectory(
         q=x[slots.q],
         p=p,
         h=duration / count,
+        origin=float(t[0]),
         sizes=None if uniform else duration * np.diff(phase.mesh),
         k=k,
         u=u,

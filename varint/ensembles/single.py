@@ -59,6 +59,7 @@ def member_of(
         q=chunk.q[j, :good],
         p=chunk.p[j, :good],
         h=members.h,
+        origin=members.t0,
         k=members.k[:good],
         u=controls(system, rule, members.of("u", i), members.steps),
         c=members.of("c", i),
