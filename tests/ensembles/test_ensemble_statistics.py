@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from ensemble_scenes import swinging
 from scenes import henon_heiles
 
 import varint as vi
@@ -50,3 +51,15 @@ def test_statistics_are_those_of_the_members():
         np.testing.assert_array_equal(motions.v[i], motions[i].v)
     figure = motions.plot(q[0], ca.sumsqr(v))
     assert all(axes.get_ylabel() for axes in figure.axes) and figure.axes[-1].get_xlabel()
+
+
+def test_a_name_is_the_values_of_all_members_and_several_indices_are_refused_in_words():
+    runs = vi.ensemble(swinging(), q0=[0.1, 0.2, 0.3], v0=0.0, h=0.1, steps=5)
+    name = runs.system.names[0]
+    assert np.array_equal(runs[name], runs.q[..., 0]) and runs[name].shape == (3, 6)
+    assert np.array_equal(runs[np.int64(-1)].q, runs.q[2])
+    for several in (slice(1, 3), [0, 1], 1.0):
+        with pytest.raises(vi.InputError, match="motion of one member"):
+            runs[several]
+    with pytest.raises(IndexError):  # by which loops over it end
+        runs[3]

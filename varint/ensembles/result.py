@@ -93,11 +93,19 @@ class Ensemble:
         """What travels to another process: the fields, not what follows from them."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
-    def __getitem__(self, i: int) -> Trajectory:
-        """The trajectory of one member, up to its failure if it failed; one with contacts, or whose
+    def __getitem__(self, i: int | str) -> Any:
+        """``ensemble["theta"]`` is the values (M, N + 1) of what has that name, ``ensemble[i]`` the
+        trajectory of one member, up to its failure if it failed; one with contacts, or whose
         steps are chosen, is run again. With contacts it has all nodes of its own where steps are
         given, and else those of the ensemble.
         """
+        if isinstance(i, str):
+            return self.value(i)
+        if not isinstance(i, (int, np.integer)):
+            raise InputError(
+                f"ensemble[i] is the motion of one member, or what has a name, got [{i!r}]; "
+                "write [ensemble[i] for i in …] for several"
+            )
         i = range(len(self))[i]
         if self.members.asked is not None:
             return chosen_member(self.system, self.rule, self.members, i)
