@@ -14,6 +14,7 @@ from varint.drawing.sketch import Sketch, cartesian
 from varint.drawing.style import COLOURS, handed_over
 from varint.errors import InputError
 from varint.numerics.progress import progress_bar
+from varint.scene.inputs import number
 
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter, FuncAnimation
@@ -203,7 +204,7 @@ def _freeze(fig: Any, moving: list) -> None:
 
 def frame_times(motion: Trajectory, speed: float, seconds: float) -> np.ndarray:
     """Times of the frames, `seconds` apart on the screen, from the first node to the last."""
-    if not (np.isfinite(speed) and speed > 0):
+    if not number("speed", speed) > 0:
         raise InputError(
             f"speed is the time of the motion per second of film, a positive number; got {speed!r}"
         )

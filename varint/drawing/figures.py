@@ -21,6 +21,8 @@ from varint.drawing.style import (
     shown_indices,
     thinned_indices,
 )
+from varint.errors import InputError
+from varint.results.records import leans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +52,8 @@ def trajectory_figure(motion: Trajectory, *expressions: Any) -> Figure:
     -------
     matplotlib.figure.Figure
     """
+    if any(isinstance(x, Mapping) and not x for x in expressions):
+        raise InputError("a dictionary names what is drawn, and this one is empty")
     return _expressions(motion, expressions) if expressions else _overview(motion)
 
 
@@ -63,7 +67,7 @@ def _overview(motion: Trajectory) -> Figure:
     extra = [
         (draw, of)
         for draw, of, present in (
-            (_draw_multipliers, curve, np.any(motion.multipliers)),
+            (_draw_multipliers, curve, not leans(motion) and np.any(motion.multipliers)),
             (_draw_momenta, motion, _conserved_momenta(motion)),
             (draw_controls, motion, structure.controls),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from typing import Any
 
 from varint.errors import InputError
@@ -124,7 +125,9 @@ def fit(
 
 
 def _experiments(data: Any, q0: Any, v0: Any, t0: float, u: Any) -> list[Experiment]:
-    given = [data] if isinstance(data, (Measurement, Experiment)) else list(data)
+    given = [data] if not isinstance(data, Iterable) else list(data)
+    if not all(isinstance(x, (Measurement, Experiment)) for x in given):
+        raise InputError(f"data must be Measurements, or Experiments, got {data!r}")
     several = [x for x in given if isinstance(x, Experiment)]
     if several and len(several) == len(given):
         if q0 is not None or v0 is not None or u is not None:

@@ -14,7 +14,7 @@ from varint.errors import InputError
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import check_steps_again
 from varint.numerics.linear_maps import moved
-from varint.results.records import changed, require_motion, whole_of
+from varint.results.records import changed, require_motion, require_order, whole_of
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.scene.rays import with_unit_rays
@@ -189,6 +189,7 @@ def steps_ahead(
 def sums_between(motion: Trajectory, integrand: Callable[[System], ca.Function]) -> np.ndarray:
     """Sums over the steps between nodes; see `Trajectory.sums`."""
     require_motion(motion, "steps from its nodes do not know of them, and have no sums")
+    require_order(motion)
     if motion.whole is not None:
         every, own = with_all_nodes(motion)
         before = np.cumsum(sums_between(every, integrand), axis=0)

@@ -11,7 +11,7 @@ import numpy as np
 from varint.discrete.lagrangian import point_function
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import node_tolerance, states_at
-from varint.results.records import whole_of
+from varint.results.records import require_order, whole_of
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_table, lagrange_values
 
@@ -36,6 +36,7 @@ def action_of(motion: Trajectory) -> float:
     """Σ h Σ_i b_i L(q_i, v_i, t_i) along the polynomials through the control points, over the steps
     between the motion's nodes and the parts of steps at them.
     """
+    require_order(motion)
     rule, grid = motion.rule, _grid(motion)
     inner = grid[(grid > motion.t[0]) & (grid < motion.t[-1])]
     ends = np.unique(np.concatenate((motion.t, inner)))

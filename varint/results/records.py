@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, parsed_or_refused
 from varint.scene.rays import make_nodes_unit
 
 if TYPE_CHECKING:
@@ -74,10 +74,49 @@ def leans(motion: Any) -> bool:
     return bool(np.any(getattr(motion.solution, "touches", False)))
 
 
+def checked_index(index: Any, count: int) -> Any:
+    """What `trajectory[index]` takes beside names: the number of a node, a slice, or a list of
+    numbers or truth values, of which arrays are made.
+    """
+    if isinstance(index, (int, np.integer)):
+        return index
+    if isinstance(index, slice):
+        parsed_or_refused(lambda: index.indices(count), lambda: _no_index(index, count))
+        return index
+    if isinstance(index, (list, np.ndarray)):
+        chosen = parsed_or_refused(
+            lambda: np.array(index, ndmin=1), lambda: _no_index(index, count)
+        )
+        if not len(chosen):
+            return chosen.astype(int)
+        kind, flat = chosen.dtype.kind, chosen.ndim == 1
+        if flat and kind == "b" and len(chosen) == count:
+            return chosen
+        if flat and kind in "iu" and -count <= chosen.min() and chosen.max() < count:
+            return chosen
+    raise InputError(_no_index(index, count))
+
+
+def _no_index(index: Any, count: int) -> str:
+    return (
+        f"trajectory[{index!r}]: write the number of a node, a slice, a list of numbers of the "
+        f"{count} nodes, or a name"
+    )
+
+
 def require_motion(motion: Any, why: str) -> None:
     """Refuse a path that leans on its bounds, and say why."""
     if leans(motion):
         raise InputError(f"the path leans on its bounds: {why}")
+
+
+def require_order(motion: Any) -> None:
+    """Refuse nodes that do not follow each other as the motion went."""
+    if (np.diff(motion.t) * motion.h < 0).any():
+        raise InputError(
+            "the action and other sums are over steps from node to node, but these nodes do not "
+            "follow each other in time: take slices with a positive stride, and rising times"
+        )
 
 
 def whole_of(motion: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from varint.errors import VarintError, parsed_or_refused
+from varint.errors import InputError, VarintError, parsed_or_refused
 from varint.numerics.archive import write_archive
 from varint.numerics.files import VERSION, write_atomically
 from varint.numerics.plain import plain
@@ -114,5 +114,7 @@ def as_path(path: Any) -> Path:
 
 
 def file_path(path: Any) -> Path:
-    path = as_path(path)
+    given, path = path, as_path(path)
+    if not path.name:
+        raise InputError(f"the path of a file ends in its name, got {given!r}")
     return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")

@@ -22,6 +22,7 @@ from varint.results.records import (
     State,
     StepsAgain,
     changed,
+    checked_index,
     leans,
     made_at_first_look,
     require_motion,
@@ -155,7 +156,8 @@ class Trajectory:
         """
         if isinstance(index, str):
             return self.value(index)
-        if isinstance(index, (slice, np.ndarray, list)):
+        index = checked_index(index, len(self))
+        if isinstance(index, (slice, np.ndarray)):
             if not len(self.t[index]):
                 raise InputError(f"no node of the {len(self)} is left in [{index}]")
             part = changed(

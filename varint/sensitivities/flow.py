@@ -86,7 +86,7 @@ def flow(
     if system.structure.degenerate:
         raise InputError("flow takes scenes whose Lagrangian is regular in the velocities")
     h, steps = time_grid(h, steps, None)
-    wanted = (steps,) if nodes is None else tuple(nodes)
+    wanted = (steps,) if nodes is None else tuple(np.ravel(nodes).tolist())
     whole = all(isinstance(k, (int, np.integer)) and 0 <= k <= steps for k in wanted)
     if not wanted or not whole or any(a >= b for a, b in pairwise(wanted)):
         raise InputError(f"nodes must be rising whole numbers from 0 to {steps}, got {nodes!r}")

@@ -263,7 +263,7 @@ def _vary_time(motion: Trajectory, name: str, outer: np.ndarray) -> None:
 
 def _names(system: System, wrt: Sequence[Any]) -> list[str]:
     """What is asked for by name, each once."""
-    given = [wrt] if isinstance(wrt, (str, ca.SX)) else list(wrt)
+    given = [wrt] if isinstance(wrt, (str, ca.SX)) else list(() if wrt is None else wrt)
     names = [next(iter(values_by_name([(x, None)]))) for x in given]
     own = ["u"] * bool(system.structure.controls)
     own += [RESTITUTION] * bool(system.structure.contacts and RESTITUTION not in system.defaults)
