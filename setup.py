@@ -47,11 +47,12 @@ NAMES = (
     "algebra_",
     "dependence_",
 )  # the first two for every shape
-# numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
+# numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 8 or 12
+# stages, and for 16, by which motions are looked at within steps
 SHAPES = {
     "x86-64-v4": [(8, 1), (8, 2), (4, 1), (2, 1), (1, 1)],
-    "x86-64-v3": [(4, 1), (4, 2), (4, 3), (2, 1), (1, 1)],
-    "plain": [(2, 1), (2, 2), (2, 3), (2, 4), (1, 1)],
+    "x86-64-v3": [(4, 1), (4, 2), (4, 3), (4, 4), (2, 1), (1, 1)],
+    "plain": [(2, 1), (2, 2), (2, 3), (2, 4), (2, 8), (1, 1)],
 }
 
 

@@ -16,11 +16,14 @@ _LEVELS = {8: "x86_64_v4", 4: "x86_64_v3", 2: "plain"}  # as setup.py calls them
 
 
 class Loop(NamedTuple):
-    """The entries of a loop: `run`, `parts` and the size of what it carries on."""
+    """The entries of a loop: `run`, `parts`, the size of what it carries on, and `within_steps`
+    where it has stages.
+    """
 
     run: Callable[[bytes], int]
     parts: Callable[[bytes], int]
     carry_size: Callable[[int], int]
+    within_steps: Callable[[bytes], int] | None = None
 
 
 @lru_cache(maxsize=32)
@@ -32,11 +35,10 @@ def gauss_loop(lanes: int, vectors: int, form: int) -> Loop:
     CompileError
         If it was not built with the package and there is no compiler.
     """
-    return _loop(
-        "core.c",
-        f"{{name}}_{{level}}_{lanes}_{vectors}_{form}",
-        {"LANES": lanes, "VECTORS": vectors, "FORM": form},
-    )
+    names = f"{{name}}_{{level}}_{lanes}_{vectors}_{form}"
+    shape = {"LANES": lanes, "VECTORS": vectors, "FORM": form}
+    within_steps = _entries("core.c", ("within_steps",), names, shape)[0]
+    return _loop("core.c", names, shape)._replace(within_steps=within_steps)
 
 
 @cache

@@ -174,7 +174,7 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
     functions = emitted(scheme.functions, str(scheme.vectors))
     many = {"N": system.q.numel(), "NU": system.control.numel(), "SCENE_APART": 1}
     apart = c_head(many | sizes, tableau) + "".join(
-        map(c_source, ("gauss.h", "gauss_loop.c", "parts.c"))
+        map(c_source, ("gauss.h", "gauss_loop.c", "parts.c", "within_steps.c"))
     )
     return source_of(
         scheme.about,

@@ -51,6 +51,8 @@ class Kernel:
         The memory of operations that are data.
     rows : int
         Constraint rows whose folds the loop notes.
+    within_steps : callable or None
+        c/within_steps.c, of a loop that has stages.
     """
 
     about: str
@@ -65,6 +67,7 @@ class Kernel:
     scene: int = 0
     block: np.ndarray | None = None
     rows: int = 0
+    within_steps: Callable[[bytes], int] | None = None
 
     @cached_property
     def told(self) -> str:

@@ -101,7 +101,9 @@ def tapes_of(functions: Mapping[str, Routine], most: int = MOST_OPERATIONS) -> d
 def kernel_on(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:
     """The kernel that begins with these fields and runs a loop on a scene."""
     at = start_of(block)
-    return Kernel(*heads, loop.run, loop.parts, loop.carry_size(at), None, at, block)
+    size, within_steps = loop.carry_size(at), loop.within_steps
+    entries = loop.run, loop.parts, size
+    return Kernel(*heads, *entries, None, at, block, within_steps=within_steps)
 
 
 def members_by_name(

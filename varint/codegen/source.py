@@ -118,7 +118,8 @@ def compiled(source: Source) -> Kernel:
         entry.argtypes, entry.restype = [c_char_p], c_int
     size = c_int64.in_dll(loop, "carry_size").value
     scene = _scene_in(others[0]) if others else 0
-    return replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size, scene=scene)
+    kernel = replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size, scene=scene)
+    return replace(kernel, within_steps=getattr(loop, "within_steps", None))
 
 
 def _scene_in(compiled: CDLL) -> int:

@@ -12,10 +12,11 @@ import numpy as np
 from varint.codegen.arguments import DONE
 from varint.codegen.core import times_entries
 from varint.codegen.kernel import Kernel, address_of, new_address
+from varint.codegen.within_steps import NOTHING_WITHIN, Within
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_TIMES = struct.Struct("2P5q9P2d2P")  # Times
-_CLOCK = struct.Struct("2P5q9P2d4P")  # ClockTimes
+_TIMES = struct.Struct("2P5q9P2d5Pq")  # Times
+_CLOCK = struct.Struct("2P5q9P2d5Pq2P")  # ClockTimes
 _WHOLE = np.dtype(np.int64)
 
 
@@ -31,6 +32,8 @@ class Between(NamedTuple):
         What these are handed: the scene, and most iterations of a step.
     whole : dtype
         Of numbers of steps.
+    within, within_scene, tables, order : int
+        `Within`.
     """
 
     entry: int
@@ -38,10 +41,15 @@ class Between(NamedTuple):
     scene: int
     most: int
     whole: np.dtype
+    within: int
+    within_scene: int
+    tables: int
+    order: int
 
 
-def between(kernel: Kernel) -> Between | None:
-    """By this loop; None where it must be told more at a fresh start.
+def between(kernel: Kernel, steps: Within = NOTHING_WITHIN) -> Between | None:
+    """By this loop, and within steps that hold many times; None where it must be told more at a
+    fresh start.
 
     Raises
     ------
@@ -52,7 +60,7 @@ def between(kernel: Kernel) -> Between | None:
         return None
     entries: tuple[Any, ...] = times_entries()[0], kernel.parts
     at, parts = (cast(entry, c_void_p).value or 0 for entry in entries)
-    return Between(at, parts, kernel.scene, FIXED_POINT_ITERATIONS, _WHOLE)
+    return Between(at, parts, kernel.scene, FIXED_POINT_ITERATIONS, _WHOLE, *steps)
 
 
 def states_at_times(
@@ -61,6 +69,7 @@ def states_at_times(
     c: np.ndarray,
     grid: tuple[float, float],
     times: np.ndarray,
+    steps: Within = NOTHING_WITHIN,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """q, p and whole steps before, at times in the order of the motion; None where one of them lies
     a step or more from the node before it, outside the motion or out of order, or cannot be
@@ -77,6 +86,8 @@ def states_at_times(
     grid : tuple of float
         The step, and when the first one begins.
     times : array (M,)
+    steps : Within
+        For steps that hold many of the times.
 
     Raises
     ------
@@ -93,14 +104,14 @@ def states_at_times(
 
     def done(entry: Callable[[bytes], int], told: int, room: int, opening: int) -> bool:
         counts = n, FIXED_POINT_ITERATIONS, told, len(nodes[1]), count
-        behind = *grid, room, opening
+        behind = *grid, room, opening, *steps
         return entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, *behind)) == DONE
 
     at_times, go_ahead, arrive, _ = times_entries()
     if kernel.opening is None:
         reached = done(at_times, 0, 0, 0)
     else:
-        room = np.empty(1 + count * (5 * n + 4))  # ROOM_OF_TIMES in c/times.h
+        room = np.empty(1 + count * (5 * n + 6))  # ROOM_OF_TIMES in c/times.h
         behind = new_address(room)
         reached = done(go_ahead, 0, behind, 0)
         if reached and (going := room[:1].view(_WHOLE).item()):
@@ -150,7 +161,8 @@ def states_at_clock(
     at = new_address(block)
     found = [at + 8 * i for i in (0, many, 2 * many)]
     more = address_of(paces), at + 8 * (2 * many + count)
-    asked = _CLOCK.pack(place, kernel.scene, *counts, *given, *found, h, 0.0, 0, 0, *more)
+    alone = 0, 0, *NOTHING_WITHIN
+    asked = _CLOCK.pack(place, kernel.scene, *counts, *given, *found, h, 0.0, *alone, *more)
     if times_entries()[3](asked) != DONE:
         return None
     q, p, (k, t) = block[:many], block[many : 2 * many], block[2 * many :].reshape(2, count)

@@ -33,6 +33,7 @@ from varint.scene.system import System
 
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
+    from varint.codegen.within_steps import Within
 
 _new, _set = object.__new__, object.__setattr__
 # what was found on the way of a motion: its system and parameters, names of expressions, and zeros
@@ -181,7 +182,7 @@ def graded_motion(
     return motion, estimate, runs
 
 
-def between_nodes(motion: Any, kernel: Kernel, times: np.ndarray) -> Any:
+def between_nodes(motion: Any, kernel: Kernel, times: np.ndarray, steps: Within) -> Any:
     """A motion that has just been made, with these times as its nodes if the loop can look at them
     at once; what is none, or has other nodes already, as it is.
     """
@@ -191,8 +192,8 @@ def between_nodes(motion: Any, kernel: Kernel, times: np.ndarray) -> Any:
     if not times.flags.c_contiguous:
         return motion
     with suppress(CompileError):
-        grid = own["h"], own["origin"]
-        found = states_at_times(kernel, (None, own["q"], own["p"], None), own["c"], grid, times)
+        grid, nodes = (own["h"], own["origin"]), (None, own["q"], own["p"], None)
+        found = states_at_times(kernel, nodes, own["c"], grid, times, steps)
     if found is not None:
         own.update(zip(("q", "p", "k"), found, strict=True), t=times)
         own.pop("v", None)

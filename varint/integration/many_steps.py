@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -69,7 +69,14 @@ def steps_again(
     rule: Rule, by: Callable[[Rule, System, np.ndarray], Steps] = in_gear
 ) -> StepsAgain:
     """How the steps of a motion by a rule are taken once more."""
-    return StepsAgain(partial(by, rule), partial(_action, rule), by is interpreted)
+    at_once = _at_once if by is in_gear else None
+    return StepsAgain(partial(by, rule), partial(_action, rule), by is interpreted, at_once)
+
+
+def _at_once(motion: Any, times: np.ndarray) -> tuple[np.ndarray, ...] | None:
+    from varint.integration.times_at_once import states_by_core
+
+    return states_by_core(motion, times)
 
 
 def _action(rule: Rule, system: System) -> ca.Function:

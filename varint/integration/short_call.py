@@ -27,6 +27,7 @@ from varint.codegen.two_runs import (
 from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
 from varint.integration.linear_run import MAPPED, is_one_map
+from varint.integration.many_times import NO_GEARS, within_now
 from varint.integration.plain_start import (
     LARGE,
     Room,
@@ -208,21 +209,22 @@ def by_the_core(
         if beside is None:
             return None
     asked: tuple[Any, ...] = ()
-    if times is not None and (between := looked_between(loop, kernel)):
+    steps, looking = NO_GEARS if times is None else within_now(system, rule, len(times))
+    if times is not None and (between := looked_between(loop, kernel, steps)):
         asked = times, between
-    now, prove = perf_counter() if low else 0.0, proved_motion()
+    now, prove = perf_counter() if low or looking else 0.0, proved_motion()
     how = t0, duration, first, radians, tol
     found = prove(made, room.places, system, c, *how, rates[0], began, beside, *asked)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
         found = prove(made, room.places, system, c, *how, rates[0], began, beside, *asked)
-    if low:
-        kernel_after(low, perf_counter() - now, 0.0)
+    for gears in filter(None, (low, looking)):
+        kernel_after(gears, perf_counter() - now, 0.0)
     if known.held and room.opening is not None and room.opening.raised:
         raise room.opening.raised.pop()
     if type(found) is Trajectory:
         if times is not None:
-            return between_nodes(found, kernel, times)
+            return between_nodes(found, kernel, times, steps)
         if chosen is before and not low and (watched is None or watched.whole):
             there = room, known.rooms, gears.high if gears else alone, made, rates, c, how
             remember(system, known.rule, *there, beside, watched)
@@ -230,7 +232,7 @@ def by_the_core(
     if isinstance(found, tuple):
         motion, estimate = found
         found = looked_at(motion, estimate, tol, known.held)
-        found = found if times is None else between_nodes(found, kernel, times)
+        found = found if times is None else between_nodes(found, kernel, times, steps)
     elsewhere = known.held or (found == NOT_PROVED and is_one_map(system, rule))
     # where one map does not do, steps of another rule may
     return None if type(found) is int and elsewhere else found

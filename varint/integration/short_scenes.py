@@ -11,6 +11,7 @@ from varint.codegen.cache import CompileError
 from varint.codegen.kernel import Kernel
 from varint.codegen.times import Between, between
 from varint.codegen.two_runs import NO_RATES, Rates
+from varint.codegen.within_steps import Within
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.even_motion import Made
@@ -50,7 +51,7 @@ class Loop:
     alone: list[Kernel]
     begins: Begins
     last: tuple[Kernel | None, Made | None] = (None, None)
-    between: tuple[Kernel | None, Between | None] = (None, None)
+    between: tuple[Kernel | None, Within | None, Between | None] = (None, None, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +132,16 @@ def chosen_in(system: System, known: Known, begin: float, tol: float) -> tuple[L
     return loop, loop.begins(price, begin, tol)
 
 
-def looked_between(loop: Loop, kernel: Kernel) -> Between | None:
-    """How motions are looked at between their nodes by this loop; None where that is done
-    afterwards.
+def looked_between(loop: Loop, kernel: Kernel, steps: Within) -> Between | None:
+    """How motions are looked at between their nodes by this loop, and within steps that hold many
+    times; None where that is done afterwards.
     """
-    if loop.between[0] is not kernel:
-        loop.between = kernel, None
+    known = loop.between
+    if known[0] is not kernel or known[1] is not steps:
+        loop.between = kernel, steps, None
         with suppress(CompileError):
-            loop.between = kernel, between(kernel)
-    return loop.between[1]
+            loop.between = kernel, steps, between(kernel, steps)
+    return loop.between[2]
 
 
 def fastest_of(known: Known, local: np.ndarray) -> float | None:

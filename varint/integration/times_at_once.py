@@ -4,24 +4,39 @@ nothing holds, whose nodes lie less than a step apart.
 
 from __future__ import annotations
 
+from contextlib import suppress
+from time import perf_counter
+
 import numpy as np
 
 from varint.codegen.cache import CompileError
 from varint.codegen.times import states_at_times
 from varint.integration.compiled_loop import kernel_in_gear
-from varint.integration.many_steps import in_gear, steps_again
+from varint.integration.gears import kernel_after
+from varint.integration.many_times import within_now
 from varint.results.records import changed
 from varint.results.trajectory import Trajectory
 
 
 def only_at_by_core(motion: Trajectory, times: np.ndarray) -> Trajectory | None:
     """The motion with these times as its nodes; None where another way is to be taken."""
+    found = states_by_core(motion, times)
+    if found is None:
+        return None
+    q, p, k = found
+    return changed(motion, t=times, q=q, p=p, k=k, active_set=None, solution=None, closure=None)
+
+
+def states_by_core(
+    motion: Trajectory, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """q, p and whole steps before each time; None where another way is to be taken."""
     system = motion.system
     if motion.active_set is not None or motion.sizes is not None or system.rays:
         return None
     if motion.dense_output is not None or system.structure.controls or not motion.rule:
         return None
-    if motion.functions is not steps_again(motion.rule, in_gear):
+    if motion.functions.at_once is None:
         return None
     kernel = kernel_in_gear(system, motion.rule)
     if kernel is None:
@@ -29,11 +44,10 @@ def only_at_by_core(motion: Trajectory, times: np.ndarray) -> Trajectory | None:
     nodes = motion.t, motion.q, motion.p, motion.k
     if not all(x.flags.c_contiguous for x in (*nodes, times)) or motion.k.dtype != np.int64:
         return None
-    try:
-        found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), times)
-    except CompileError:
-        return None
-    if found is None:
-        return None
-    q, p, k = found
-    return changed(motion, t=times, q=q, p=p, k=k, active_set=None, solution=None, closure=None)
+    steps, looking = within_now(system, motion.rule, len(times))
+    now, found = perf_counter(), None
+    with suppress(CompileError):
+        found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), times, steps)
+    if looking:
+        kernel_after(looking, perf_counter() - now, 0.0)
+    return found

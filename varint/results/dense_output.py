@@ -53,6 +53,10 @@ def states_at(
     slack = require_within(motion, times)
     if motion.whole is not None:
         return states_at(motion.whole, times, side)
+    at_once = motion.functions.at_once if side == "after" else None
+    if at_once is not None and (found := at_once(motion, times)) is not None:
+        q, p, k = found
+        return q, p, k, None
     slack = slack if side == "after" else -slack
     if motion.h > 0:
         node = motion.t.searchsorted(times + slack, side="right") - 1

@@ -152,11 +152,14 @@ class StepsAgain(NamedTuple):
         scene → (q0, p0, u, params, t, h) → discrete action of a step.
     by_hand : bool
         Whether ends are interpreted ones, by no loop.
+    at_once : callable or None
+        motion, times → q, p and whole steps before each time; None where steps are to be taken.
     """
 
     ends: Callable[[System, np.ndarray], Callable[..., tuple[np.ndarray, np.ndarray]]]
     action: Callable[[System], ca.Function]
     by_hand: bool = False
+    at_once: Callable[[Any, np.ndarray], tuple[np.ndarray, ...] | None] | None = None
 
 
 IMPACTS = ("impact", "stop")  # events at which velocities jump

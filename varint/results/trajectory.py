@@ -411,8 +411,16 @@ class Trajectory:
         return transition_matrix(self, k0, k1)
 
     def at(self, t: Any, side: str = "after") -> Any:
-        """Dense output of the rule's order: a sub-step of the same rule from the node before each
-        time.
+        """Dense output as accurate as the nodes: a sub-step of the same rule from the node before
+        each time.
+
+        Where many times (32 or more in all, three or more in a step) are asked of a motion by
+        Gauss rules of four stages or more, each step that holds them is taken once more by
+        `gauss(16)`, whose stages tell what lies between as far as round-off, or as a quarter of
+        what the step itself errs by; else its times are reached by sub-steps as well.
+
+        ``q(t_k + x h) = q_k + h ∫ q̇ from 0 to x + (q_{k+1} − q'_{k+1}) x^(2s+1)``, where that
+        step ends in q'_{k+1} and the motion's own, of s stages, in q_{k+1}.
 
         Parameters
         ----------

@@ -4,6 +4,7 @@
 #define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
 #define run WITH_ALL(run, LEVEL, LANES, VECTORS, FORM)
 #define parts WITH_ALL(parts, LEVEL, LANES, VECTORS, FORM)
+#define within_steps WITH_ALL(within_steps, LEVEL, LANES, VECTORS, FORM)
 #define carry_size WITH_ALL(carry_size, LEVEL, LANES, VECTORS, FORM)
 #ifdef DIGEST /* of the sources: a library built from others is not used */
 const char digest[] = DIGEST;
@@ -19,3 +20,4 @@ const int newer_functions = NEWER_FUNCTIONS;
 #include "gauss_step.c"
 #include "gauss_loop.c"
 #include "parts.c"
+#include "within_steps.c"

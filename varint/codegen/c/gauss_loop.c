@@ -148,6 +148,19 @@ APART void go_on_with_slopes(Run *r, const Carry *carry) {
     s->renew = 1, s->there = 0;
 }
 
+/* The run stands at q and p, as if these were not rounded. */
+APART void stand_at(Run *r, const double *start) {
+    for (int d = 0; d < N; d++) r->y[d] = start[d], r->y[N + d] = start[N + d], r->rest[d] = r->rest[N + d] = 0;
+#if FORM == 2
+    const Step *const s = &r->now;
+    V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(r->t0 + r->h * (double)r->first);
+    for (int d = 0; d < N; d++) q[d] = splat(r->y[d]), z[d] = splat(r->y[N + d]);
+    velocity(q, z, &time, r->w + RHS_W, out);
+    for (int d = 0; d < N; d++) r->y[N + d] = r->h * lane(out[d], 0);
+    (void)s;
+#endif
+}
+
 /* Where the run stands: as it was left, or at a fresh start. */
 APART void restore(Run *r, const RunArguments *a) {
     const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
@@ -183,13 +196,7 @@ APART void restore(Run *r, const RunArguments *a) {
             if (r->slopes.left > 0 && !(r->slopes.renew > 0)) invert(r);
         }
     } else {
-        for (int d = 0; d < N; d++) r->y[d] = a->start[d], r->y[N + d] = a->start[N + d], r->rest[d] = r->rest[N + d] = 0;
-#if FORM == 2
-        V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(r->t0 + h * (double)r->first);
-        for (int d = 0; d < N; d++) q[d] = splat(r->y[d]), z[d] = splat(r->y[N + d]);
-        velocity(q, z, &time, r->w + RHS_W, out);
-        for (int d = 0; d < N; d++) r->y[N + d] = h * lane(out[d], 0);
-#endif
+        stand_at(r, a->start);
         for (int i = 0; i < ROWS; i++) r->change.scale[i] = r->change.noise[i] = 0;
         r->change.rate = 1;
         for (int i = 0; i < ROWS; i++)
@@ -333,25 +340,27 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
     a->stats->residual = r->residual, a->stats->failed = status ? r->change.now : 0;
 }
 
-int run(const RunArguments *a) {
-    Run r;
+/* Room for what is prepared of the parameters, and for what one half of the right-hand side leaves to the other. */
 #ifdef SCENE_APART
-    const Scene *const scene = a->scene;
-    double prepared[scene->numbers + 1];
-    V taken[scene->taken + 1][VECTORS];
-    r.w = prepared, r.taken = taken;
+#define ROOM_FOR(r, of) \
+    const Scene *const scene = of; \
+    double prepared[scene->numbers + 1]; \
+    V taken[scene->taken + 1][VECTORS]; \
+    r.w = prepared, r.taken = taken
+#define FREE_ROOM(r) ((void)0)
 #else
-    scene = a->scene;
-    r.w = registers(), r.taken = 0;
-    if (!r.w) return NOT_FINITE;
-#if HALVES
-    r.taken = (V (*)[VECTORS])taken_room();
-    if (!r.taken) {
-        free(r.w);
-        return NOT_FINITE;
+#define FREE_ROOM(r) (free(r.w), free(r.taken))
+#define ROOM_FOR(r, of) \
+    scene = of, r.w = registers(), r.taken = HALVES ? (V (*)[VECTORS])taken_room() : 0; \
+    if (!r.w || (HALVES && !r.taken)) { \
+        FREE_ROOM(r); \
+        return NOT_FINITE; \
     }
 #endif
-#endif
+
+int run(const RunArguments *a) {
+    Run r;
+    ROOM_FOR(r, a->scene);
     restore(&r, a);
     double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
     save(&r, rows, t, a->without_velocities);
@@ -372,8 +381,6 @@ int run(const RunArguments *a) {
     if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
     else save(&r, a->stats->last, t, 0);
     store(&r, a, status, done);
-#ifdef SCENE_AS_DATA
-    free(r.w), free(r.taken);
-#endif
+    FREE_ROOM(r);
     return status;
 }

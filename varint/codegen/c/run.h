@@ -37,6 +37,19 @@ typedef struct {
     const void *scene;
 } PartsArguments;
 
+/* A motion with a node at each of its steps, and times within these, in order: `going` of them, for each the node before it, when
+   that is, how far ahead it lies and where its state is to stand in found_q and found_p; see within_steps.c. */
+typedef struct {
+    int64_t going, nodes, most, order; /* most: iterations of a step; order: power of a step in which the motion's own rule errs */
+    const double *q, *p, *t;           /* the nodes; t = 0: equal steps from t0 on */
+    double h, t0;
+    const int64_t *node, *which;
+    const double *begin, *ahead, *c, *tables; /* tables: varint/codegen/within_steps.py */
+    double *found_q, *found_p;
+    int64_t *reached; /* (going): whether it was found */
+    const void *scene;
+} WithinArguments;
+
 /* Many motions of one scene, one in each lane. */
 typedef struct {
     int64_t members, steps, save_every, nodes; /* nodes: rows of a member, its start included */

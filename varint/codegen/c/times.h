@@ -14,6 +14,10 @@ typedef struct {
     double h, t0;
     double *room;          /* ROOM_OF_TIMES numbers: what goes ahead, see times_core.c */
     const double *opening; /* what the loop is told, for each shorter step */
+    int (*within)(const void *); /* of a rule of more stages, for steps that hold many times: WithinArguments in run.h; or 0 */
+    const void *within_scene;
+    const double *tables;
+    int64_t order;
 } Times;
 
 /* One whose last coordinate is a clock, and what it is to show; its pace at the nodes, and the own times that are found. */
@@ -23,4 +27,4 @@ typedef struct {
     double *found_t;
 } ClockTimes;
 
-#define ROOM_OF_TIMES(n, count) (1 + (count) * (5 * (n) + 4))
+#define ROOM_OF_TIMES(n, count) (1 + (count) * (5 * (n) + 6))

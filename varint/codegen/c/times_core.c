@@ -25,13 +25,14 @@ typedef struct {
     double *start, *begin, *ahead;
     int64_t *which;
     double *rows;
-    int64_t *good;
+    int64_t *good, *node, *reached; /* the node before it; whether the step that holds it has been looked at as a whole */
 } Ahead;
 
 static Ahead ahead_in(const Times *a) {
     const int64_t n = a->n, count = a->count;
     double *const start = a->room + 1, *const begin = start + 2 * n * count, *const rows = begin + 3 * count;
-    return (Ahead){(int64_t *)a->room, start, begin, begin + count, (int64_t *)(begin + 2 * count), rows, (int64_t *)(rows + 3 * n * count)};
+    int64_t *const good = (int64_t *)(rows + 3 * n * count);
+    return (Ahead){(int64_t *)a->room, start, begin, begin + count, (int64_t *)(begin + 2 * count), rows, good, good + count, good + 2 * count};
 }
 
 static double time_of(const Times *a, int64_t node) { return a->t ? a->t[node] : a->h * (double)node + a->t0; }
@@ -61,10 +62,31 @@ int go_ahead(const Times *a) {
         a->found_k[i] = a->k ? a->k[node] : node;
         if (!(part > close)) continue;
         COPY(to.start + 2 * n * going, a->q + n * node, n), COPY(to.start + 2 * n * going + n, a->p + n * node, n);
-        to.begin[going] = begin, to.ahead[going] = left, to.which[going++] = i;
+        to.begin[going] = begin, to.ahead[going] = left, to.node[going] = node, to.which[going++] = i;
     }
     *to.going = going;
     return DONE;
+}
+
+/* Times that share a step with many others are found there all at once; shorter steps are left for the rest. */
+static void look_within(const Times *a) {
+    const Ahead to = ahead_in(a);
+    const int64_t n = a->n, going = *to.going;
+    const WithinArguments asked = {.going = going, .nodes = a->nodes, .most = a->most, .order = a->order, .q = a->q, .p = a->p, .t = a->t,
+                                   .h = a->h, .t0 = a->t0, .node = to.node, .which = to.which, .begin = to.begin, .ahead = to.ahead, .c = a->c,
+                                   .tables = a->tables, .found_q = a->found_q, .found_p = a->found_p, .reached = to.reached,
+                                   .scene = a->within_scene};
+    if (a->within(&asked) != DONE) return;
+    int64_t left = 0;
+    for (int64_t i = 0; i < going; i++) {
+        if (to.reached[i]) continue;
+        if (left < i) {
+            COPY(to.start + 2 * n * left, to.start + 2 * n * i, 2 * n);
+            to.begin[left] = to.begin[i], to.ahead[left] = to.ahead[i], to.which[left] = to.which[i];
+        }
+        left++;
+    }
+    *to.going = left;
 }
 
 /* Where these steps end. */
@@ -85,7 +107,9 @@ int arrive(const Times *a) {
 int at_times(const Times *of) {
     Times a = *of;
     a.room = malloc(ROOM_OF_TIMES(a.n, a.count) * sizeof(double));
-    const int done = a.room && go_ahead(&a) == DONE && arrive(&a) == DONE;
+    int done = a.room && go_ahead(&a) == DONE;
+    if (done && a.within) look_within(&a);
+    done = done && arrive(&a) == DONE;
     free(a.room);
     return done ? DONE : NOT_CONVERGED;
 }

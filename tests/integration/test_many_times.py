@@ -1,0 +1,168 @@
+"""Many times within a step: found all at once, as accurately as the nodes, in whatever way they are
+asked for.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.special import ellipj, ellipk
+
+import varint as vi
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.native import native_gauss
+from varint.codegen.times import states_at_times
+from varint.codegen.within_steps import NOTHING_WITHIN, tables_of, within
+from varint.integration.many_times import MANY, looking_of
+
+MOST = vi.gauss(16)
+
+
+def _pendulum() -> vi.System:
+    q, v = vi.coordinates("a")
+    return vi.System(q, v, v**2 / 2 + ca.cos(q))
+
+
+def _stars() -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    potential = ca.sumsqr(q) / 2 + q[0] ** 2 * q[1] - q[1] ** 3 / 3
+    return vi.System(q, v, ca.sumsqr(v) / 2 - potential)
+
+
+def _double() -> vi.System:
+    q, v = vi.coordinates("a", "b")
+    kinetic = v[0] ** 2 + v[1] ** 2 / 2 + v[0] * v[1] * ca.cos(q[0] - q[1])
+    return vi.System(q, v, kinetic + 2 * ca.cos(q[0]) + ca.cos(q[1]))
+
+
+def _driven() -> vi.System:
+    (q, v), t = vi.coordinates("a"), vi.time()
+    return vi.System(q, v, v**2 / 2 + ca.cos(q), force=ca.cos(0.7 * t) - 0.1 * v, t=t)
+
+
+def _fast() -> vi.System:
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, 1 - ca.sqrt(1 - v**2) - q**2 / 2)
+
+
+SCENES = {
+    "unknown accelerations": (_stars, [0.1, 0.1], [0.3, 0.1]),
+    "unknown velocities": (_double, [1.0, 0.7], [0.0, 0.2]),
+    "explicit time": (_driven, 0.5, 0.0),
+    "Legendre transform without a formula": (_fast, 0.8, 0.0),
+}
+
+
+def _by_steps(motion: vi.Trajectory, t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """q, p and k by shorter steps of the motion's own rule."""
+    nodes = motion.t, motion.q, motion.p, motion.k
+    kernel = native_gauss(motion.system, motion.rule)
+    found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), t)
+    assert found is not None
+    return found
+
+
+def _pendulum_at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From rest at one radian: Abramowitz & Stegun (1964), chapter 16."""
+    m = np.sin(0.5) ** 2
+    sn, cn, _, _ = ellipj(ellipk(m) - t, m)
+    return 2 * np.arcsin(np.sin(0.5) * sn), 2 * np.sin(0.5) * -cn
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_thousand_times_are_as_accurate_as_the_nodes(tol, backwards):
+    t = np.linspace(0.0, 20.0, 1000) * (-1 if backwards else 1)
+    motion = vi.simulate(_pendulum(), q0=1.0, v0=0.0, at=t, tol=tol)
+    nodes = vi.simulate(_pendulum(), q0=1.0, v0=0.0, duration=t[-1], tol=tol)
+    assert len(nodes) < 100
+
+    def error(x):
+        q, v = _pendulum_at(np.abs(x.t))
+        return max(np.abs(x.q[:, 0] - q).max(), np.abs(x.p[:, 0] - np.sign(t[-1]) * v).max())
+
+    assert error(motion) <= 1.5 * error(nodes) + 1e-3 * tol + 1e-14
+    drift = np.ptp(motion.energy)
+    assert drift <= 1.5 * np.ptp(nodes.energy) + 1e-14
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_they_agree_with_shorter_steps_of_the_rule(name):
+    make, q0, v0 = SCENES[name]
+    system = make()
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=10.0)
+    t = np.linspace(0.0, 10.0, 1500)
+    found, (q, p, k) = motion.at(t), _by_steps(motion, t)
+    np.testing.assert_array_equal(found.k, k)
+    for one, other in ((found.q, q), (found.p, p)):
+        assert 0 < np.abs(one - other).max() <= 1e-12
+    few = motion.at(t[: MANY - 1])
+    np.testing.assert_array_equal(few.q, q[: MANY - 1])
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_ways_to_ask_give_the_same_bytes(name):
+    make, q0, v0 = SCENES[name]
+    system, t = make(), np.linspace(0.0, 10.0, 700)
+    asked = vi.simulate(system, q0=q0, v0=v0, at=t)
+    later = vi.simulate(system, q0=q0, v0=v0, duration=10.0).at(t)
+    member = vi.ensemble(system, q0=[q0, q0], v0=[v0, v0], at=t)[1]
+    for other in (later, member):
+        for at in ("q", "p", "k"):
+            assert getattr(other, at).tobytes() == getattr(asked, at).tobytes()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_both_gears_give_the_same_bytes(name):
+    make, q0, v0 = SCENES[name]
+    system, t = make(), np.linspace(0.0, 10.0, 700)
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=10.0)
+    nodes = motion.t, motion.q, motion.p, motion.k
+    own = native_gauss(system, motion.rule)
+    ways = [within(make(system, MOST), motion.rule.order) for make in (native_gauss, gauss_kernel)]
+    steps, low, high = (
+        states_at_times(own, nodes, motion.c, (motion.h, 0.0), t, way)
+        for way in (NOTHING_WITHIN, *ways)
+    )
+    for one, other in zip(low, high, strict=True):
+        assert one.tobytes() == other.tobytes()
+    assert low[0].tobytes() != steps[0].tobytes()
+
+
+def test_where_forces_have_kinks_shorter_steps_are_taken():
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2 - ca.fabs(q) ** 3)
+    t = np.linspace(0.0, 6.0, 600)
+    motion = vi.simulate(system, vi.gauss(8), q0=1.0, v0=0.0, h=0.5, steps=12)
+    found, steps = motion.at(t), _by_steps(motion, t)[0]
+    passed = np.flatnonzero(np.diff(np.sign(motion.q[:, 0])))
+    assert len(passed) > 1
+    through = np.isin(found.k, motion.k[passed])
+    np.testing.assert_array_equal(found.q[through], steps[through])
+    assert not np.array_equal(found.q[~through], steps[~through])
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3])
+def test_rules_of_few_stages_are_looked_at_by_their_own_steps(stages):
+    assert looking_of(_stars(), vi.gauss(stages)) is None
+    assert looking_of(_stars(), vi.gauss(4)) is not None
+
+
+def test_steps_that_err_by_much_are_looked_at_by_their_own_steps():
+    motion = vi.simulate(_stars(), vi.gauss(4), q0=[0.3, 0.1], v0=[0.3, 0.1], h=2.0, steps=10)
+    t = np.linspace(0.0, 20.0, 300)
+    np.testing.assert_array_equal(motion.at(t).q, _by_steps(motion, t)[0])
+
+
+@pytest.mark.parametrize("stages", [4, 16])
+def test_the_tables_integrate_polynomials_exactly(stages):
+    modes, first, second = tables_of(stages).reshape(3, stages, stages)
+    c, b = np.array(vi.gauss(stages).nodes), np.array(vi.gauss(stages).weights)
+    x = np.linspace(0.0, 1.0, 23)
+    powers = np.vander(2 * x - 1, stages, increasing=True)
+    for k in range(stages):
+        a = (b * c**k) @ modes
+        once, twice = x * (powers @ (a @ first)), x**2 * (powers @ (a @ second))
+        np.testing.assert_allclose(once, x ** (k + 1) / (k + 1), atol=1e-14)
+        np.testing.assert_allclose(twice, x ** (k + 2) / (k + 1) / (k + 2), atol=1e-14)
