@@ -15,8 +15,8 @@ from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.within_steps import NOTHING_WITHIN, Within
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_TIMES = struct.Struct("2P5q9P2d5Pq")  # Times
-_CLOCK = struct.Struct("2P5q9P2d5Pq2P")  # ClockTimes
+_TIMES = struct.Struct("2P5q9P2d5P2q")  # Times
+_CLOCK = struct.Struct("2P5q9P2d5P2q2P")  # ClockTimes
 _WHOLE = np.dtype(np.int64)
 
 
@@ -32,7 +32,7 @@ class Between(NamedTuple):
         What these are handed: the scene, and most iterations of a step.
     whole : dtype
         Of numbers of steps.
-    within, within_scene, tables, order : int
+    within, within_scene, tables, order, fewest : int
         `Within`.
     """
 
@@ -45,6 +45,7 @@ class Between(NamedTuple):
     within_scene: int
     tables: int
     order: int
+    fewest: int
 
 
 def between(kernel: Kernel, steps: Within = NOTHING_WITHIN) -> Between | None:

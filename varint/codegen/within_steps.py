@@ -28,24 +28,27 @@ class Within(NamedTuple):
         See `tables_of`.
     order : int
         Power of a step in which the motion's own rule errs.
+    fewest : int
+        Times that a step holds which is looked at: fewer take no longer one by one.
     """
 
     entry: int
     scene: int
     tables: int
     order: int
+    fewest: int
 
 
-NOTHING_WITHIN = Within(0, 0, 0, 0)
+NOTHING_WITHIN = Within(0, 0, 0, 0, 0)
 
 
-def within(kernel: Kernel, order: int) -> Within:
+def within(kernel: Kernel, order: int, fewest: int) -> Within:
     """By this loop, of motions by a rule of this order; nothing of them where it cannot."""
     if kernel.within_steps is None or kernel.opening:
         return NOTHING_WITHIN
     entry: Any = kernel.within_steps
     tables = address_of(tables_of(kernel.nodes))
-    return Within(cast(entry, c_void_p).value or 0, kernel.scene, tables, order + 1)
+    return Within(cast(entry, c_void_p).value or 0, kernel.scene, tables, order + 1, fewest)
 
 
 @lru_cache(maxsize=8)

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from varint.codegen.cache import CompileError
+from varint.codegen.gauss import gauss_form
 from varint.codegen.kernel import Kernel
 from varint.codegen.within_steps import NOTHING_WITHIN, Within, within
 from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_now, scheme_of
@@ -14,7 +15,10 @@ from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-MANY = 32  # times: fewer are reached one by one before another loop would be there
+# times in all, and in a step: fewer are reached one by one before another loop would be there
+MANY, MANY_IN_STEP = 32, 3
+# where a step that is no longer than the others takes ten times as long: by Newton's method
+SOME, SOME_IN_STEP = 8, 1
 # of a motion's own rule: flows of fewer are those of users who look at what a rule does
 LEAST_STAGES = 4
 NO_GEARS: tuple[Within, Gears | None] = NOTHING_WITHIN, None
@@ -27,6 +31,8 @@ class Looking:
     """
 
     gears: Gears
+    many: int
+    in_step: int
     last: tuple[Kernel | None, Within] = (None, NOTHING_WITHIN)
 
 
@@ -34,25 +40,25 @@ def within_now(system: System, rule: Rule, count: int) -> tuple[Within, Gears | 
     """How a motion by this rule is looked at within its steps at so many times, and whose low gear
     that is; nothing where shorter steps of the rule reach them all.
     """
-    looking = looking_of(system, rule) if count >= MANY else None
-    if looking is None:
+    looking = looking_of(system, rule) if count >= SOME else None
+    if looking is None or count < looking.many:
         return NO_GEARS
     kernel = kernel_now(looking.gears)
     if kernel is not looking.last[0]:
         looking.last = kernel, NOTHING_WITHIN
         with suppress(CompileError):
-            looking.last = kernel, within(kernel, rule.order)
+            looking.last = kernel, within(kernel, rule.order, looking.in_step)
     return looking.last[1], looking.gears if kernel is looking.gears.low else None
 
 
 @per_scene
 def looking_of(system: System, rule: Rule) -> Looking | None:
-    """Of scenes and rules whose stages are iterated all at once."""
+    """Of scenes whose stages can be iterated all at once, and rules of many."""
     stages = len(rule.nodes)
     if stages < LEAST_STAGES or rule != gauss(min(stages, MOST_STAGES)):
         return None
-    more = gauss(MOST_STAGES)
-    if any(scheme_of(system, x) is not BY_STAGES for x in (rule, more)):
+    gears = gears_of(system, gauss(MOST_STAGES), BY_STAGES) if gauss_form(system) else None
+    if gears is None:
         return None
-    gears = gears_of(system, more, BY_STAGES)
-    return None if gears is None else Looking(gears)
+    once = scheme_of(system, rule) is BY_STAGES
+    return Looking(gears, *((MANY, MANY_IN_STEP) if once else (SOME, SOME_IN_STEP)))

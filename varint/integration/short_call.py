@@ -193,8 +193,10 @@ def by_the_core(
         return None
     if first is None or not (gears or alone):
         return None
-    if alone and not (watched is None and times is None):  # it makes no shorter steps
-        return None
+    if alone:  # it makes no shorter steps
+        if watched is not None:
+            return None
+        times = None
     kernel = kernel_now(gears) if gears else alone[0]
     if kernel is not loop.last[0]:
         course = course_by(system, rule, kernel, True)
@@ -218,8 +220,8 @@ def by_the_core(
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
         found = prove(made, room.places, system, c, *how, rates[0], began, beside, *asked)
-    for gears in filter(None, (low, looking)):
-        kernel_after(gears, perf_counter() - now, 0.0)
+    for used in filter(None, (low, looking)):
+        kernel_after(used, perf_counter() - now, 0.0)
     if known.held and room.opening is not None and room.opening.raised:
         raise room.opening.raised.pop()
     if type(found) is Trajectory:

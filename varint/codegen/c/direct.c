@@ -33,7 +33,7 @@ enum Status { GRADED_DOUBTED = -2, GRADED, PROVED, DOUBTED = 3 }; /* graded: ste
 enum { COURSE, ENTRY, HEAD, N, PARTS, TYPE, BLANK, NAME, MAKE, NOW, ARRAY, FLOAT, MADE };
 enum { PLACE, TOLD, ROOM, VIEWS, PLACES };
 enum { OPENING, SEARCH, STOPS, EXPRESSIONS, ZEROS, HELD_BESIDE, BESIDE };
-enum { AT_TIMES, STEPS, STEPS_SCENE, MOST, WHOLE, WITHIN, WITHIN_SCENE, TABLES, ORDER, BETWEEN };
+enum { AT_TIMES, STEPS, STEPS_SCENE, MOST, WHOLE, WITHIN, WITHIN_SCENE, TABLES, ORDER, FEWEST, BETWEEN };
 enum { SYSTEM_NAME, Q_NAME, P_NAME, V_NAME, T_NAME, K_NAME, H_NAME, C_NAME, ORIGIN_NAME, MAKE_NAME, COPY_NAME, DICT_NAME, REPEATED_NAME, KNOWN_NAME, SIZES_NAME, ELEMENT_HASH_NAME, NAMES };
 static const char *const spelt[NAMES] = {"system", "q", "p", "v", "t", "k", "h", "c", "origin", "_make", "copy", "__dict__", "_repeated", "known", "sizes", "element_hash"};
 static PyObject *names[NAMES];
@@ -103,7 +103,8 @@ static int look_between(AtTimes *to, PyObject *how, const Asked *asked, const Pl
                          .found_k = whole.buf, .h = asked->duration / (double)found->steps, .t0 = asked->t0,
                          .within = (int (*)(const void *))PyLong_AsVoidPtr(ITEM(to->between, WITHIN)),
                          .within_scene = PyLong_AsVoidPtr(ITEM(to->between, WITHIN_SCENE)),
-                         .tables = PyLong_AsVoidPtr(ITEM(to->between, TABLES)), .order = PyLong_AsLongLong(ITEM(to->between, ORDER))};
+                         .tables = PyLong_AsVoidPtr(ITEM(to->between, TABLES)), .order = PyLong_AsLongLong(ITEM(to->between, ORDER)),
+                         .fewest = PyLong_AsLongLong(ITEM(to->between, FEWEST))};
         if (found->run) put_nodes(found->run, n, nodes, parts, own);
         Py_BEGIN_ALLOW_THREADS
         done = !at_times(&a);

@@ -45,6 +45,7 @@ typedef struct {
     double h, t0;
     const int64_t *node, *which;
     const double *begin, *ahead, *c, *tables; /* tables: varint/codegen/within_steps.py */
+    int64_t fewest;                    /* times in a step that is looked at */
     double *found_q, *found_p;
     int64_t *reached; /* (going): whether it was found */
     const void *scene;

@@ -17,7 +17,7 @@ typedef struct {
     int (*within)(const void *); /* of a rule of more stages, for steps that hold many times: WithinArguments in run.h; or 0 */
     const void *within_scene;
     const double *tables;
-    int64_t order;
+    int64_t order, fewest; /* times that such a step holds at least */
 } Times;
 
 /* One whose last coordinate is a clock, and what it is to show; its pace at the nodes, and the own times that are found. */

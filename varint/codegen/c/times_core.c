@@ -44,6 +44,27 @@ static int64_t node_before(const Times *a, int64_t node, double time, double sla
     return node;
 }
 
+/* Times that share a step with many others are found there all at once; shorter steps are left for the rest. */
+static void look_within(const Times *a) {
+    const Ahead to = ahead_in(a);
+    const int64_t n = a->n, going = *to.going;
+    const WithinArguments asked = {.going = going, .nodes = a->nodes, .most = a->most, .order = a->order, .q = a->q, .p = a->p, .t = a->t,
+                                   .h = a->h, .t0 = a->t0, .node = to.node, .which = to.which, .begin = to.begin, .ahead = to.ahead, .c = a->c,
+                                   .tables = a->tables, .fewest = a->fewest, .found_q = a->found_q, .found_p = a->found_p, .reached = to.reached,
+                                   .scene = a->within_scene};
+    if (a->within(&asked) != DONE) return;
+    int64_t left = 0;
+    for (int64_t i = 0; i < going; i++) {
+        if (to.reached[i]) continue;
+        if (left < i) {
+            COPY(to.start + 2 * n * left, to.start + 2 * n * i, 2 * n);
+            to.begin[left] = to.begin[i], to.ahead[left] = to.ahead[i], to.which[left] = to.which[i];
+        }
+        left++;
+    }
+    *to.going = left;
+}
+
 /* The states at nodes, and the shorter steps that go ahead from there; NOT_CONVERGED where another way is to be taken. */
 int go_ahead(const Times *a) {
     const int64_t n = a->n, count = a->count;
@@ -65,28 +86,8 @@ int go_ahead(const Times *a) {
         to.begin[going] = begin, to.ahead[going] = left, to.node[going] = node, to.which[going++] = i;
     }
     *to.going = going;
+    if (a->within) look_within(a);
     return DONE;
-}
-
-/* Times that share a step with many others are found there all at once; shorter steps are left for the rest. */
-static void look_within(const Times *a) {
-    const Ahead to = ahead_in(a);
-    const int64_t n = a->n, going = *to.going;
-    const WithinArguments asked = {.going = going, .nodes = a->nodes, .most = a->most, .order = a->order, .q = a->q, .p = a->p, .t = a->t,
-                                   .h = a->h, .t0 = a->t0, .node = to.node, .which = to.which, .begin = to.begin, .ahead = to.ahead, .c = a->c,
-                                   .tables = a->tables, .found_q = a->found_q, .found_p = a->found_p, .reached = to.reached,
-                                   .scene = a->within_scene};
-    if (a->within(&asked) != DONE) return;
-    int64_t left = 0;
-    for (int64_t i = 0; i < going; i++) {
-        if (to.reached[i]) continue;
-        if (left < i) {
-            COPY(to.start + 2 * n * left, to.start + 2 * n * i, 2 * n);
-            to.begin[left] = to.begin[i], to.ahead[left] = to.ahead[i], to.which[left] = to.which[i];
-        }
-        left++;
-    }
-    *to.going = left;
 }
 
 /* Where these steps end. */
@@ -107,9 +108,7 @@ int arrive(const Times *a) {
 int at_times(const Times *of) {
     Times a = *of;
     a.room = malloc(ROOM_OF_TIMES(a.n, a.count) * sizeof(double));
-    int done = a.room && go_ahead(&a) == DONE;
-    if (done && a.within) look_within(&a);
-    done = done && arrive(&a) == DONE;
+    const int done = a.room && go_ahead(&a) == DONE && arrive(&a) == DONE;
     free(a.room);
     return done ? DONE : NOT_CONVERGED;
 }

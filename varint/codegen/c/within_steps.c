@@ -2,7 +2,6 @@
    from the node before. The rates at its stages, which are Gauss points, are a sum of Legendre polynomials; integrals of these in
    powers are in the tables (varint/codegen/within_steps.py). The step ends where the exact motion from that node does; on the
    way to where the motion's own rule ends, which errs by a power of the step, states are led by that power. */
-#define FEWEST 3 /* times in a step: fewer take no longer one by one */
 #define PATIENCE 3 /* steps that have no good polynomials, and one more for so many times: beyond, no more are tried */
 #define FOR_TIMES 16
 #define NOISE 0x1p-47 /* of polynomials, relative to the way of the step: round-off, a few times over */
@@ -152,7 +151,7 @@ int within_steps(const WithinArguments *a) {
     for (int64_t i = 0; i < a->going && missed < PATIENCE + i / FOR_TIMES; i = next) {
         const int64_t node = a->node[i];
         for (next = i + 1; next < a->going && a->node[next] == node;) next++;
-        if (next - i < FEWEST || !is_whole(a, node)) continue;
+        if (next - i < a->fewest || !is_whole(a, node)) continue;
         if (node != before + 1) forget(&r);
         before = node;
         COPY(start, a->q + N * node, N), COPY(start + N, a->p + N * node, N);
