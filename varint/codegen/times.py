@@ -130,6 +130,7 @@ def states_at_clock(
     c: np.ndarray,
     h: float,
     times: np.ndarray,
+    steps: Within = NOTHING_WITHIN,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Own times, q, p and whole steps before, where the last coordinate shows `times`; None where
     nodes are more than a step apart, or one of the times cannot be reached.
@@ -148,6 +149,8 @@ def states_at_clock(
         The step.
     times : array (M,)
         Between those that the first and the last node show.
+    steps : Within
+        For steps that hold many of the times.
 
     Raises
     ------
@@ -162,7 +165,7 @@ def states_at_clock(
     at = new_address(block)
     found = [at + 8 * i for i in (0, many, 2 * many)]
     more = address_of(paces), at + 8 * (2 * many + count)
-    alone = 0, 0, *NOTHING_WITHIN
+    alone = 0, 0, *steps
     asked = _CLOCK.pack(place, kernel.scene, *counts, *given, *found, h, 0.0, *alone, *more)
     if times_entries()[3](asked) != DONE:
         return None

@@ -47,7 +47,9 @@ typedef struct {
     const double *begin, *ahead, *c, *tables; /* tables: varint/codegen/within_steps.py */
     int64_t fewest;                    /* times in a step that is looked at */
     double *found_q, *found_p;
-    int64_t *reached; /* (going): whether it was found */
+    int64_t *reached;     /* (going): whether it was found */
+    const double *wanted; /* where the last coordinate is a clock: what it is to show, `ahead` being but a guess; else 0 */
+    double *found_t;      /* when it does */
     const void *scene;
 } WithinArguments;
 

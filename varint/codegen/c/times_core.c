@@ -128,9 +128,44 @@ static int state_at(const ClockTimes *of, int64_t node, double tau, double *row)
     return a->parts(&asked) == DONE && good;
 }
 
+/* The node before the time that a clock, the last coordinate, shows, of those from `node` on; never the last one. */
+static int64_t node_by_clock(const Times *a, int64_t node, double time) {
+    const double sign = a->h > 0 ? 1 : -1, *const clock = a->q + a->n - 1;
+    while (node + 2 < a->nodes && sign * clock[a->n * (node + 1)] <= sign * time) node++;
+    return node;
+}
+
+/* How far behind this node that is, nearly: by Hermite's cubic. */
+static double nearly_ahead(const ClockTimes *of, int64_t node, double time) {
+    const Times *const a = &of->times;
+    const double *const clock = a->q + a->n * node + a->n - 1, passed = clock[a->n] - clock[0], x = (time - clock[0]) / passed, y = 1 - x,
+                 rise = a->t[node + 1] - a->t[node];
+    return x * (x * (3 - 2 * x) * rise + passed * y * (y / of->paces[node] - x / of->paces[node + 1]));
+}
+
+/* `look_within` for times that a clock shows, in order: whether each of them was found; 0 where none was looked for. */
+static int64_t *look_within_by_clock(const ClockTimes *of) {
+    const Times *const a = &of->times;
+    const int64_t count = a->count;
+    int64_t *const reached = malloc((size_t)count * 5 * sizeof(double)), *const nodes = reached + count, *const which = nodes + count;
+    double *const begin = (double *)(which + count), *const ahead = begin + count;
+    if (!reached) return 0;
+    for (int64_t i = 0, node = 0; i < count; i++) {
+        node = node_by_clock(a, node, a->times[i]);
+        nodes[i] = node, which[i] = i, begin[i] = a->t[node], ahead[i] = nearly_ahead(of, node, a->times[i]);
+    }
+    const WithinArguments asked = {.going = count, .nodes = a->nodes, .most = a->most, .order = a->order, .q = a->q, .p = a->p, .t = a->t,
+                                   .h = a->h, .t0 = a->t[0], .node = nodes, .which = which, .begin = begin, .ahead = ahead, .c = a->c,
+                                   .tables = a->tables, .fewest = a->fewest, .found_q = a->found_q, .found_p = a->found_p,
+                                   .reached = reached, .wanted = a->times, .found_t = of->found_t, .scene = a->within_scene};
+    if (a->within(&asked) == DONE) return reached;
+    free(reached);
+    return 0;
+}
+
 /* Where the clock of a motion, its last coordinate, shows the times, which are in any order: varint/integration/time_transformation/
    physical_time.py: reach_times. */
-int at_clock(const ClockTimes *of) {
+static int reach_by_clock(const ClockTimes *of, const int64_t *reached) {
     const Times *const a = &of->times;
     const int64_t n = a->n, clock = n - 1;
     const double sign = a->h > 0 ? 1 : -1;
@@ -138,12 +173,13 @@ int at_clock(const ClockTimes *of) {
     for (int64_t i = 0, node = 0; i < a->count; i++) {
         const double time = a->times[i];
         if (i && !(sign * (time - a->times[i - 1]) >= 0)) node = 0;
-        while (node + 2 < a->nodes && sign * a->q[n * (node + 1) + clock] <= sign * time) node++;
-        const double from = a->q[n * node + clock], passed = a->q[n * (node + 1) + clock] - from, begin = a->t[node],
-                     end = a->t[node + 1], rise = end - begin, x = (time - from) / passed, y = 1 - x,
-                     near = LOCATED * fmax(fabs(time), fabs(passed));
+        node = node_by_clock(a, node, time);
+        const double passed = a->q[n * (node + 1) + clock] - a->q[n * node + clock], begin = a->t[node], end = a->t[node + 1],
+                     rise = end - begin, near = LOCATED * fmax(fabs(time), fabs(passed));
         if (a->k[node + 1] - a->k[node] > 1) return NOT_CONVERGED;
-        double tau = begin + x * (x * (3 - 2 * x) * rise + passed * y * (y / of->paces[node] - x / of->paces[node + 1])), low = begin, high = end;
+        a->found_k[i] = a->k[node];
+        if (reached && reached[i]) continue;
+        double tau = begin + nearly_ahead(of, node, time), low = begin, high = end;
         int found = 0;
         for (int k = 0; k < CLOCK_ITERATIONS && !found; k++) {
             if (!state_at(of, node, tau, row)) return NOT_CONVERGED;
@@ -157,7 +193,18 @@ int at_clock(const ClockTimes *of) {
         }
         if (!found) return NOT_CONVERGED;
         COPY(a->found_q + n * i, row, n), COPY(a->found_p + n * i, row + n, n);
-        a->found_k[i] = a->k[node], of->found_t[i] = tau;
+        of->found_t[i] = tau;
     }
     return DONE;
+}
+
+int at_clock(const ClockTimes *of) {
+    const Times *const a = &of->times;
+    const double sign = a->h > 0 ? 1 : -1;
+    int looked = a->within != 0;
+    for (int64_t i = 1; i < a->count && looked; i++) looked = sign * (a->times[i] - a->times[i - 1]) >= 0;
+    int64_t *const reached = looked ? look_within_by_clock(of) : 0;
+    const int done = reach_by_clock(of, reached);
+    free(reached);
+    return done;
 }

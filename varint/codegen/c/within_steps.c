@@ -7,6 +7,8 @@
 #define NOISE 0x1p-47 /* of polynomials, relative to the way of the step: round-off, a few times over */
 #define SHORTEST 0x1p-10 /* way that errors are measured by, beside the longest of its kind */
 #define SHARE 0.25 /* of what the motion's own rule has erred by in a step so far, which polynomials may err by */
+#define CLOCK_ITERATIONS 12
+#define LOCATED 0x1p-50 /* of a time that a clock shows, and of a step: neither is known better */
 #define MOST_LED 1e-6 /* relative: rules that err by more are left to shorter steps */
 
 /* y = sum_j m_j x_j, by the columns of m */
@@ -22,6 +24,16 @@ INLINE V value_of(const V *polynomial, V y) {
     V sum = splat(at[STAGES - 1]);
     for (int k = STAGES - 2; k >= 0; k--) sum = v_fma(sum, y, splat(at[k]));
     return sum;
+}
+
+/* x p(2 x - 1), and its slope by x. */
+INLINE V value_and_slope(const V *polynomial, V x, V *slope) {
+    const double *const at = (const double *)polynomial;
+    const V y = v_fma(splat(2.0), x, splat(-1.0));
+    V sum = splat(at[STAGES - 1]), rate = splat(0.0);
+    for (int k = STAGES - 2; k >= 0; k--) rate = v_fma(rate, y, sum), sum = v_fma(sum, y, splat(at[k]));
+    *slope = v_fma(2.0 * x, rate, sum);
+    return x * sum;
 }
 
 /* x^k */
@@ -95,14 +107,41 @@ APART int found_within(const Run *r, const double *start, const double *q, const
     return led <= MOST_LED && most_left_out <= fmax(NOISE, SHARE * to->most_led);
 }
 
+#if FORM == 1
+/* The parts of a step after which its last coordinate is what is wanted, from those that are there on; whether they were found. */
+APART int reach_clock(const Within *w, V wanted, int64_t order, V *x) {
+    const int clock = N - 1;
+    const V start = splat(w->start[clock]), missing = splat(w->missing[clock]), size = v_fmax(v_fabs(wanted), v_fabs(start)) + 1e-300;
+    for (int k = 0; k < CLOCK_ITERATIONS; k++) {
+        V pace;
+        const V passed = value_and_slope(w->first[clock], *x, &pace), led = power_of(*x, order - 1) * missing,
+                off = (wanted - start) - v_fma(led, *x, passed), step = off / v_fma(splat((double)order), led, pace);
+        const double far = largest(v_fmin(v_fabs(off) / size, v_fabs(step)));
+        if (far <= LOCATED) return 1;
+        if (!(far <= 1)) return 0;
+        *x += step;
+    }
+    return 0;
+}
+#endif
+
 /* The states at times of the step, from number `from` on up to `end`. */
 APART void set_states(const Run *r, const WithinArguments *a, int64_t from, int64_t end, const Within *w) {
     const Step *const s = &r->now;
     for (int64_t i = from; i < end; i += LANES) {
-        V x, t, q[MOST_N], p[MOST_N];
+        V x, t, wanted = splat(0.0), q[MOST_N], p[MOST_N];
         for (int l = 0; l < LANES; l++) {
             const int64_t j = i + l < end ? i + l : end - 1;
             set_lane(&x, l, a->ahead[j] / r->h), set_lane(&t, l, a->begin[j] + a->ahead[j]);
+            if (a->wanted) set_lane(&wanted, l, a->wanted[j]);
+        }
+        if (a->wanted) {
+#if FORM == 1 /* that of scenes with a clock */
+            if (!reach_clock(w, wanted, a->order, &x)) continue;
+            for (int l = 0; l < LANES && i + l < end; l++) a->found_t[a->which[i + l]] = a->begin[i] + r->h * lane(x, l);
+#else
+            return;
+#endif
         }
         const V y = v_fma(splat(2.0), x, splat(-1.0)), led = power_of(x, a->order);
 #if FORM == 2
