@@ -4,6 +4,8 @@ asked for.
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -156,6 +158,25 @@ def test_times_that_a_clock_shows_are_those_of_the_ellipse(e, tol):
     order = np.argsort(np.sin(np.arange(len(t))))
     alone = nodes.at(t[order])
     assert 0 < np.abs(alone.q - motion.q[order]).max() <= 1e-11
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-9])
+def test_steps_of_more_than_one_size_are_looked_at_in_the_same_way(tol):
+    q, v = vi.coordinates("a")
+    system = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=-1.5 * v)
+    start, t = {"q0": 1.2, "v0": 0.3}, np.linspace(0.0, 60.0, 2000)
+    motion = vi.simulate(system, **start, duration=60.0, tol=tol)
+    assert motion.sizes is not None and np.ptp(motion.sizes) > 0.01
+    found = motion.at(t)
+    again = dataclasses.replace(motion, functions=motion.functions._replace(at_once=None))
+    steps = again.at(t)
+    assert 0 < np.abs(found.q - steps.q).max() <= 1e-2 * tol
+    assert np.abs(found.p - steps.p).max() <= 1e-2 * tol
+    np.testing.assert_array_equal(found.k, steps.k)
+    few = t[:: len(t) // 20]
+    np.testing.assert_array_equal(motion.at(few).q, again.at(few).q)
+    asked = vi.simulate(system, **start, at=t, tol=tol)
+    assert asked.q.tobytes() == found.q.tobytes()
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -15,8 +15,8 @@ from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.within_steps import NOTHING_WITHIN, Within
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_TIMES = struct.Struct("2P5q9P2d5P2q")  # Times
-_CLOCK = struct.Struct("2P5q9P2d5P2q2P")  # ClockTimes
+_TIMES = struct.Struct("2P5q9P2d6P2q")  # Times
+_CLOCK = struct.Struct("2P5q9P2d6P2q2P")  # ClockTimes
 _WHOLE = np.dtype(np.int64)
 
 
@@ -71,6 +71,7 @@ def states_at_times(
     grid: tuple[float, float],
     times: np.ndarray,
     steps: Within = NOTHING_WITHIN,
+    sizes: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """q, p and whole steps before, at times in the order of the motion; None where one of them lies
     a step or more from the node before it, outside the motion or out of order, or cannot be
@@ -89,6 +90,8 @@ def states_at_times(
     times : array (M,)
     steps : Within
         For steps that hold many of the times.
+    sizes : array, optional
+        Of the steps, where they differ.
 
     Raises
     ------
@@ -102,10 +105,11 @@ def states_at_times(
     place = cast(parts, c_void_p).value or 0  # type: ignore[arg-type]
     given = [0 if x is None or not x.size else address_of(x) for x in (*nodes, c, times)]
     found = [at + 8 * i for i in (0, many, 2 * many)]
+    uneven = 0 if sizes is None else address_of(sizes)
 
     def done(entry: Callable[[bytes], int], told: int, room: int, opening: int) -> bool:
         counts = n, FIXED_POINT_ITERATIONS, told, len(nodes[1]), count
-        behind = *grid, room, opening, *steps
+        behind = *grid, uneven, room, opening, *steps
         return entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, *behind)) == DONE
 
     at_times, go_ahead, arrive, _ = times_entries()
@@ -165,7 +169,7 @@ def states_at_clock(
     at = new_address(block)
     found = [at + 8 * i for i in (0, many, 2 * many)]
     more = address_of(paces), at + 8 * (2 * many + count)
-    alone = 0, 0, *steps
+    alone = 0, 0, 0, *steps
     asked = _CLOCK.pack(place, kernel.scene, *counts, *given, *found, h, 0.0, *alone, *more)
     if times_entries()[3](asked) != DONE:
         return None

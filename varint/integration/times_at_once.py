@@ -20,7 +20,7 @@ from varint.results.trajectory import Trajectory
 
 def only_at_by_core(motion: Trajectory, times: np.ndarray) -> Trajectory | None:
     """The motion with these times as its nodes; None where another way is to be taken."""
-    found = states_by_core(motion, times)
+    found = None if motion.sizes is not None else states_by_core(motion, times)
     if found is None:
         return None
     q, p, k = found
@@ -32,7 +32,7 @@ def states_by_core(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """q, p and whole steps before each time; None where another way is to be taken."""
     system = motion.system
-    if motion.active_set is not None or motion.sizes is not None or system.rays:
+    if motion.active_set is not None or system.rays:
         return None
     if motion.dense_output is not None or system.structure.controls or not motion.rule:
         return None
@@ -41,13 +41,15 @@ def states_by_core(
     kernel = kernel_in_gear(system, motion.rule)
     if kernel is None:
         return None
-    nodes = motion.t, motion.q, motion.p, motion.k
+    nodes, sizes = (motion.t, motion.q, motion.p, motion.k), motion.sizes
     if not all(x.flags.c_contiguous for x in (*nodes, times)) or motion.k.dtype != np.int64:
+        return None
+    if sizes is not None and not (sizes.flags.c_contiguous and motion.k[-1] <= len(sizes)):
         return None
     steps, looking = within_now(system, motion.rule, len(times))
     now, found = perf_counter(), None
     with suppress(CompileError):
-        found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), times, steps)
+        found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), times, steps, sizes)
     if looking:
         kernel_after(looking, perf_counter() - now, 0.0)
     return found

@@ -161,9 +161,15 @@ APART void stand_at(Run *r, const double *start) {
 #endif
 }
 
+/* Steps are of this size. */
+INLINE void set_size(Run *r, double h) {
+    r->h = h;
+    for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = (FORM == 2 ? h * h : h) * entry(STAGE_B, k);
+}
+
 /* Where the run stands: as it was left, or at a fresh start. */
 APART void restore(Run *r, const RunArguments *a) {
-    const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
+    const double h = a->h;
     const Carry *carry = (const Carry *)a->carry;
     r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > 0x1p-56 ? a->level : 0x1p-56;
 #ifdef SCENE_APART
@@ -171,7 +177,7 @@ APART void restore(Run *r, const RunArguments *a) {
 #endif
     const Step *const s = &r->now;
     prepare(a->c, r->w);
-    for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
+    set_size(r, h);
     r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;

@@ -43,6 +43,8 @@ typedef struct {
     int64_t going, nodes, most, order; /* most: iterations of a step; order: power of a step in which the motion's own rule errs */
     const double *q, *p, *t;           /* the nodes; t = 0: equal steps from t0 on */
     double h, t0;
+    const double *sizes; /* of the steps, by the numbers k of those before each node; 0: they are all h */
+    const int64_t *k;
     const int64_t *node, *which;
     const double *begin, *ahead, *c, *tables; /* tables: varint/codegen/within_steps.py */
     int64_t fewest;                    /* times in a step that is looked at */

@@ -12,6 +12,7 @@ typedef struct {
     double *found_q, *found_p;
     int64_t *found_k;
     double h, t0;
+    const double *sizes; /* of the steps, where they differ: h is then one of them; else 0 */
     double *room;          /* ROOM_OF_TIMES numbers: what goes ahead, see times_core.c */
     const double *opening; /* what the loop is told, for each shorter step */
     int (*within)(const void *); /* of a rule of more stages, for steps that hold many times: WithinArguments in run.h; or 0 */

@@ -49,7 +49,7 @@ static void look_within(const Times *a) {
     const Ahead to = ahead_in(a);
     const int64_t n = a->n, going = *to.going;
     const WithinArguments asked = {.going = going, .nodes = a->nodes, .most = a->most, .order = a->order, .q = a->q, .p = a->p, .t = a->t,
-                                   .h = a->h, .t0 = a->t0, .node = to.node, .which = to.which, .begin = to.begin, .ahead = to.ahead, .c = a->c,
+                                   .h = a->h, .t0 = a->t0, .sizes = a->sizes, .k = a->k, .node = to.node, .which = to.which, .begin = to.begin, .ahead = to.ahead, .c = a->c,
                                    .tables = a->tables, .fewest = a->fewest, .found_q = a->found_q, .found_p = a->found_p, .reached = to.reached,
                                    .scene = a->within_scene};
     if (a->within(&asked) != DONE) return;
@@ -76,7 +76,8 @@ int go_ahead(const Times *a) {
     for (int64_t i = 0; i < count; i++) {
         const double time = a->times[i];
         node = node_before(a, node, time, slack);
-        const double begin = time_of(a, node), left = time - begin, part = left / a->h;
+        const double begin = time_of(a, node), left = time - begin,
+                     part = left / (a->sizes && node + 1 < a->nodes ? a->sizes[a->k[node]] : a->h);
         if (!(time >= low - slack && time <= high + slack && part > -1 && part <= 1 - close)) return NOT_CONVERGED;
         if (i && !((time - a->times[i - 1]) * a->h >= 0)) return NOT_CONVERGED;
         COPY(a->found_q + n * i, a->q + n * node, n), COPY(a->found_p + n * i, a->p + n * node, n);

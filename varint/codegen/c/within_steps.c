@@ -7,6 +7,7 @@
 #define NOISE 0x1p-47 /* of polynomials, relative to the way of the step: round-off, a few times over */
 #define SHORTEST 0x1p-10 /* way that errors are measured by, beside the longest of its kind */
 #define SHARE 0.25 /* of what the motion's own rule has erred by in a step so far, which polynomials may err by */
+#define ALIKE 0x1p-20 /* sizes of steps that differ by the rounding of times */
 #define CLOCK_ITERATIONS 12
 #define LOCATED 0x1p-50 /* of a time that a clock shows, and of a step: neither is known better */
 #define MOST_LED 1e-6 /* relative: rules that err by more are left to shorter steps */
@@ -168,10 +169,12 @@ APART void set_states(const Run *r, const WithinArguments *a, int64_t from, int6
     (void)s;
 }
 
+INLINE double size_at(const WithinArguments *a, int64_t node) { return a->sizes ? a->sizes[a->k[node]] : a->h; }
+
 /* Whether the next node is a whole step behind this one. */
 INLINE int is_whole(const WithinArguments *a, int64_t node) {
     if (node + 1 >= a->nodes) return 0;
-    return !a->t || fabs(a->t[node + 1] - a->t[node] - a->h) <= 0x1p-49 * fmax(fabs(a->h), fmax(fabs(a->t[node]), fabs(a->t[node + 1])));
+    return !a->t || fabs(a->t[node + 1] - a->t[node] - size_at(a, node)) <= 0x1p-49 * fmax(fabs(a->h), fmax(fabs(a->t[node]), fabs(a->t[node + 1])));
 }
 
 int within_steps(const WithinArguments *a) {
@@ -191,7 +194,9 @@ int within_steps(const WithinArguments *a) {
         const int64_t node = a->node[i];
         for (next = i + 1; next < a->going && a->node[next] == node;) next++;
         if (next - i < a->fewest || !is_whole(a, node)) continue;
-        if (node != before + 1) forget(&r);
+        const double size = size_at(a, node);
+        if (node != before + 1 || !(fabs(size - r.h) <= ALIKE * fabs(r.h))) forget(&r);
+        if (size != r.h) set_size(&r, size);
         before = node;
         COPY(start, a->q + N * node, N), COPY(start + N, a->p + N * node, N);
         r.t0 = a->begin[i], stand_at(&r, start);
