@@ -70,6 +70,52 @@ def test_the_ways_to_ask_for_it_agree(tmp_path):
     assert np.abs(asked_at.q[-1] - motion.q[-1]).max() < 1e-12
 
 
+def falling() -> vi.System:
+    q, v = vi.coordinates("x")
+    push, c = ca.SX.sym("push"), vi.Parameters(control=2.0)
+    return vi.System(q, v, c.control * v**2 / 2, force=push, control=push, params=c)
+
+
+def test_ends_and_events_are_found_on_the_short_way(monkeypatch):
+    system = falling()
+
+    def never(*_, **__):
+        raise AssertionError("the long way is taken")
+
+    monkeypatch.setattr(to_tolerance, "simulate_to_tolerance", never)
+    x, push = system.q, system.control
+    asked = {"q0": 1.0, "v0": 0.5, "duration": 4.0, "u": 3.0, "params": {"control": 1.5}}
+
+    def reached(level):  # 1 + t/2 + t² = level
+        return (-0.5 + np.sqrt(0.25 + 4 * (level - 1))) / 2
+
+    whole = vi.simulate(system, **asked)
+    for until in (x - 7, (x - 7, 1)):
+        events = {"double": x - 2 * push / 3, "above": (x - push, 1), "falls": (x - push, -1)}
+        motion = vi.simulate(system, **asked, until=until, events=events)
+        assert motion.t[-1] == pytest.approx(reached(7.0), abs=1e-9)
+        assert [event.kind for event in motion.events] == ["double", "above"]
+        times = [event.time for event in motion.events]
+        assert times == pytest.approx([reached(2.0), reached(3.0)], abs=1e-9)
+        assert motion.system is system and (motion.u == 3).all() and motion.c == [1.5]
+        assert motion.q[-1, 0] == pytest.approx(7.0, abs=1e-9)
+        assert motion.at(0.7).q[0] == pytest.approx(whole.at(0.7).q[0], abs=1e-9)
+    motion = vi.simulate(system, **asked, until=x - 100 * push)
+    assert motion.t[-1] == 4.0 and len(motion) == len(motion.u) + 1
+
+
+def test_ends_and_events_of_unknown_symbols_are_told_in_the_names_of_the_user():
+    system, foreign = cart(), ca.SX.sym("control")
+    for asked in ({"until": foreign}, {"events": {"met": foreign}}):
+        with pytest.raises(vi.InputError, match=r"unknown symbols \['control'\] .*'push'"):
+            vi.simulate(system, **START, duration=1.0, u=0.7, **asked)
+    for bad in (0.5, ca.SX(2, 1)):
+        with pytest.raises(vi.InputError, match="until must be one SX expression"):
+            vi.simulate(system, **START, duration=1.0, u=0.7, until=bad)
+    with pytest.raises(vi.InputError, match="events must be a dictionary"):
+        vi.simulate(system, **START, duration=1.0, u=0.7, events=[foreign])
+
+
 def test_what_is_no_such_control_is_told_of_as_before():
     system, asked = cart(), START | {"duration": 1.0}
     with pytest.raises(vi.InputError, match="u must be numbers"):

@@ -249,11 +249,11 @@ def simulate(
             backend=backend,
             on_failure=on_failure,
         )
-    if again and u is not None and time_scale is None and until is None and events is None:
+    if again and u is not None and time_scale is None:
         from varint.integration.steady_controls import with_steady_controls
 
         kept = partial(again, checkpoint=checkpoint)
-        motion = with_steady_controls(system, u, params, kept)
+        motion = with_steady_controls(system, u, params, (until, events), kept)
         if motion is not None:
             return motion
     if plain and time_scale is None and backend == "auto":
