@@ -77,6 +77,25 @@ def test_a_step_is_that_of_gauss_collocation(stages, h):
     assert (np.abs(second.rows[-1, 0] - motion.q[-1]) / np.abs(motion.q).max(axis=0)).max() < 3e-13
 
 
+@pytest.mark.parametrize("stages", [1, 2, 5, 8])
+@pytest.mark.parametrize("steps", [1, 8, 19])
+def test_steps_that_controls_drive_are_those_of_gauss_collocation(stages, steps):
+    free, u = shaken(), ca.SX.sym("u", 2)
+    force = free.force + ca.vertcat(0, u[0] * u[1], ca.sin(u[1] + t))
+    scene = vi.System(q3, v3, free.lagrangian, force=force, control=u, t=t)
+    rule, rng = vi.gauss(stages), np.random.default_rng(stages)
+    given = rng.uniform(-2, 2, (steps, stages, 2))
+    asked = {"t0": 0.4, "h": 0.05, "steps": steps}
+    start = {"q0": [0.3, 0.1, -0.2], "v0": [0.1, -0.4, 2.0]}
+    motion = vi.simulate(scene, rule, **start, **asked, u=given)
+    kernel = native_driven(scene, rule)
+    assert (kernel.controls, kernel.nodes) == (2, stages)
+    found = run_loop(kernel, motion.q[0], motion.p[0], motion.c, **asked, u=given)
+    for k, nodes in enumerate((motion.q, motion.p)):
+        scale = np.abs(nodes).max(axis=0)
+        assert (np.abs(found.rows[:, k] - nodes) / scale).max() < 3e-13
+
+
 @pytest.mark.parametrize("tol", [1e-4, 1e-9, 1e-12])
 @pytest.mark.parametrize("at_rest", [True, False])
 @pytest.mark.parametrize("duration", [0.5, 20.0, -2.0])
@@ -149,5 +168,9 @@ def test_what_no_constant_map_steps_is_left_to_others():
     assert not runs_driven(vi.System(q, v, (1 + 0.1 * ca.sin(t)) * spring, t=t))
     assert not runs_driven(vi.System(q, v, spring, force=-(v**3)))
     assert not runs_driven(vi.System(q, v, spring, force=ca.sign(ca.sin(t)), t=t))
+    u = ca.SX.sym("u")
+    pushed = vi.System(q, v, spring, force=3 * u - 0.1 * v, control=u)
+    assert is_driven(pushed) and not runs_driven(pushed)  # by what is told of the time alone
+    assert not is_driven(vi.System(q, v, spring, force=-u * v, control=u))
     free = vi.System(q, v, spring, force=-0.1 * v)
     assert has_driven_map(free, vi.gauss(3)) and not has_driven_map(free, vi.lobatto(4))

@@ -18,7 +18,7 @@ from varint.codegen.mechanics import force, velocity
 from varint.codegen.native import tapes_of
 from varint.codegen.routines import routines
 from varint.codegen.tape import NOTHING_TO_DO
-from varint.discrete.linear_flow import is_gauss, moves_linearly
+from varint.discrete.linear_flow import is_gauss, is_linear_and_free
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
@@ -29,11 +29,12 @@ FEW_COORDINATES = 12  # beyond, what solves such a step takes long to build
 
 @per_scene
 def is_driven(system: System) -> bool:
-    """Whether the motion is x' = A x + g(t), x = (q, p), with constant A."""
-    if not moves_linearly(system):
+    """Whether the motion is x' = A x + g(t, u), x = (q, p), with constant A."""
+    if not is_linear_and_free(system):
         return False
     slopes, drive, x = _flow(system)
-    return not (ca.depends_on(slopes, ca.vertcat(x, system.t)) or ca.depends_on(drive, x))
+    moving = ca.vertcat(x, system.t, system.control)
+    return not (ca.depends_on(slopes, moving) or ca.depends_on(drive, x))
 
 
 @per_scene
@@ -47,22 +48,31 @@ def native_driven(system: System, rule: Rule) -> Kernel:
     """The kernel of a scene of `has_driven_map`, which looks for no velocities; raises as
     `native_gauss` does.
     """
-    n, stages = system.q.numel(), len(rule.nodes)
+    n, stages, controls = system.q.numel(), len(rule.nodes), system.control.numel()
     slopes, drive, _ = _flow(system)
     active = [i for i in range(2 * n) if not drive[i].is_zero()]
     mass = ca.densify(ca.diag(system.mass_matrix))
     functions: Functions = {"slopes": ([], [ca.vec(ca.densify(slopes)), mass])}
     if active:
-        functions["drive"] = [system.t], [ca.densify(drive[active])]
+        given = [system.t, system.control] if controls else [system.t]
+        functions["drive"] = given, [ca.densify(drive[active])]
     tapes = tapes_of(routines(system.c, functions))
     tables = np.array(active, dtype=float), np.array(rule.nodes), *polynomials(rule)
-    members = [n, stages, len(active), *tables, tapes["slopes"], tapes.get("drive", NOTHING_TO_DO)]
+    members = [
+        n,
+        stages,
+        len(active),
+        controls,
+        *tables,
+        tapes["slopes"],
+        tapes.get("drive", NOTHING_TO_DO),
+    ]
     block = block_of(members)
     about = f"one linear map a step of {stages} stages"
     about += ", and the drive at its nodes" if active else ""
     operations = 2 * n * (2 * n + len(active))
     return Kernel(
-        *(about, n, 0, stages, operations, driven_entry()),
+        *(about, n, controls, stages, operations, driven_entry()),
         carry_size=2 + 4 * n,
         scene=start_of(block),
         block=block,
@@ -100,7 +110,7 @@ def polynomials(rule: Rule) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @per_system
 def _flow(system: System) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """A, g(t) and x."""
+    """A, g(t, u) and x."""
     n = system.q.numel()
     x = ca.SX.sym("x", 2 * n)
     at = ca.vertcat(system.q, system.v)

@@ -40,8 +40,14 @@ _CONSTANT = -1
 @per_scene
 def moves_linearly(system: System) -> bool:
     """Whether the motion is linear, of few coordinates, and nothing holds or controls it."""
+    return not system.structure.controls and is_linear_and_free(system)
+
+
+@per_scene
+def is_linear_and_free(system: System) -> bool:
+    """Whether the same, with controls or without."""
     s = system.structure
-    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate or s.controls
+    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
     return (
         not (held or system.rays) and s.linear and s.quadratic_kinetic and s.n <= MOST_COORDINATES
     )

@@ -55,13 +55,20 @@ def runs_driven(system: System) -> bool:
     """Whether energies tell nothing of its runs, whose steps are one map of the motion, and one of
     what drives it.
     """
-    return not (shows_its_error(system) or has_steps(system)) and is_driven(system)
+    if system.structure.controls or shows_its_error(system) or has_steps(system):
+        return False
+    return is_driven(system)
+
+
+def _is_controlled(system: System) -> bool:
+    """Whether controls drive its motion so."""
+    return system.structure.controls > 0 and not has_steps(system) and is_driven(system)
 
 
 @per_scene
 def driven_kernel(system: System, rule: Rule) -> Kernel | None:
     """The loop of such runs, and of those of one map alone; None where there is none."""
-    same = runs_driven(system) or is_one_map(system, rule)
+    same = runs_driven(system) or is_one_map(system, rule) or _is_controlled(system)
     if not (same and has_driven_map(system, rule)):
         return None
     try:

@@ -1,4 +1,4 @@
-/* Runs of x' = A x + g(t), x = (q, p), A constant, by Gauss rules, for scenes as data: a step is one map of x, and of g at its
+/* Runs of x' = A x + g(t, u), x = (q, p), A constant, u controls, by Gauss rules, for scenes as data: a step is one map of x, and of g at its
    nodes. The names end in LEVEL, the instructions that are used.
 
    With z = h A the stages solve Y = x + z a Y + h a g, and a step is x + (R(z) - 1) x + h sum W_i(z) g(t + c_i h), where
@@ -15,10 +15,10 @@ int ilogb(double);
 double scalbn(double, int);
 
 typedef struct {
-    int64_t n, stages, many;       /* many: rows of g that are not zero, whose numbers are `active` */
+    int64_t n, stages, many, controls; /* many: rows of g that are not zero, whose numbers are `active` */
     const double *active, *nodes;
     const double *left, *odd, *of; /* coefficients of Q, 2 odd and N_i, (stages, stages + 1) */
-    Tape slopes, drive;            /* to A column by column and the mass matrix' diagonal; t to g */
+    Tape slopes, drive;            /* to A column by column and the mass matrix' diagonal; t and u to g */
 } Scene;
 #define CARRY_SIZE(n) (2 + 4 * (n))
 
@@ -119,7 +119,7 @@ int run(const RunArguments *a) {
     const int64_t registers = (s->slopes.registers > s->drive.registers ? s->slopes.registers : s->drive.registers) + 1,
                   numbers = SQUARES * d * d + d * width, all = registers + d * d + n + d * vectors + numbers / LANES + 1;
     V few[d > ON_STACK ? 1 : all], *const own = d > ON_STACK ? aligned_alloc(64, (all * sizeof(V) + 63) / 64 * 64) : 0,
-      *const w = d > ON_STACK ? own : few, gained[vectors], g[m + 1], given[d];
+      *const w = d > ON_STACK ? own : few, gained[vectors], g[m + 1], given[d], u[s->controls + 1];
     if (!w) return NOT_FINITE;
     V *const found = w + registers, *const change = found + d * d + n;
     double *const z = (double *)(change + d * vectors), *const maps = z + SQUARES * d * d, *const carry = a->carry, *const x = carry + 2,
@@ -138,7 +138,12 @@ int run(const RunArguments *a) {
             for (int64_t i = 0; i < s->stages && m; i++) {
                 V t;
                 for (int k = 0; k < LANES; k++) set_lane(&t, k, a->t0 + a->h * (double)(a->first + done + k) + s->nodes[i] * a->h);
-                evaluate_tape(&s->drive, (const V *const[]){&t}, (V *const[]){g}, 1, (const double *)w);
+                for (int64_t j = 0; j < s->controls; j++)
+                    for (int k = 0; k < LANES; k++) {
+                        const int64_t step = done + k < a->steps ? done + k : a->steps - 1;
+                        set_lane(&u[j], k, a->u[s->controls * (s->stages * step + i) + j]);
+                    }
+                evaluate_tape(&s->drive, (const V *const[]){&t, u}, (V *const[]){g}, 1, (const double *)w);
                 for (int64_t r = 0; r < d; r++)
                     for (int64_t j = 0; j < m; j++) given[r] = v_fma(splat(maps[r * width + d + i * m + j]), g[j], given[r]);
             }
