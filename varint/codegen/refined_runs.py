@@ -14,6 +14,8 @@ from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course, HeldLooks
 
 _COURSE = struct.Struct("13P11qP3qP3q")  # Refined, what belongs to the course
+_TABLE = struct.Struct("2P4q")  # Table, which is the last of it
+_NO_TABLE = _TABLE.pack(*[0] * 6)
 
 
 class BendLooks(NamedTuple):
@@ -108,5 +110,16 @@ def refined_course(
     kind = counted_looks, int(held is not None), kernel.note[1]
     grown = (0, 0, 0, 0) if growth is None else (address_of(growth.heights), *growth.counts)
     steps = *grown, 0, fitted
-    head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:])
+    head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:]) + _NO_TABLE
     return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, bent, growth, *arrays))
+
+
+def with_table(course: Course, table: np.ndarray, places: np.ndarray) -> Course:
+    """The same with controls, whose rows follow one another over the duration: (rows, 1 or stages,
+    k); the rule looks at these places in a step, (stages,). A run's first steps are as many in each
+    row.
+    """
+    rows, each, controls = table.shape
+    told = address_of(table), address_of(places), rows, each, controls, len(places)
+    head, held = course.head[: -_TABLE.size] + _TABLE.pack(*told), (*course.held, table, places)
+    return course._replace(head=head, held=held)

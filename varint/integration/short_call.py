@@ -158,7 +158,9 @@ def seen_in(
         assert room.look is not None
         room.look()
         ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
-        turned = angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
+        turned = angles_turned(
+            duration, fastest_of(known.n, known.last, room.local), ahead.frequency
+        )
         seen = there, known, duration, t0, ahead.pilot, turned
         room.seen = None if there is None else seen
     return seen[4], seen[5]

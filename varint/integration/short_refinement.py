@@ -287,7 +287,7 @@ def looked_at_closely(
 def _balanced(motion: Trajectory) -> bool:
     """Whether the energy clearly is that of the start and the work of forces."""
     f = balance_rows(motion.system)
-    if f is None:
+    if f is None or motion.system.structure.controls:
         return False
     t = motion.t
     energy, power = (x[:, 0] for x in f.values(motion.c, motion.q, motion.p, t[:, None]))

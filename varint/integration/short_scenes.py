@@ -144,13 +144,15 @@ def looked_between(loop: Loop, kernel: Kernel, steps: Within) -> Between | None:
     return loop.between[2]
 
 
-def fastest_of(known: Known, local: np.ndarray) -> float | None:
+def fastest_of(
+    n: int, remembered: list[tuple[bytes, float | None]], local: np.ndarray
+) -> float | None:
     """Of the small motions of these masses and derivatives of forces, which a linear scene has
-    wherever it begins.
+    wherever it begins; the last one is remembered.
     """
-    numbers, last = local.tobytes(), known.last[0]
+    numbers, last = local.tobytes(), remembered[0]
     if last[0] != numbers:
-        columns, half = local.tolist(), known.n * known.n
-        last = numbers, frequency_of_columns(columns[:half], columns[half:], known.n)
-        known.last[0] = last
+        columns, half = local.tolist(), n * n
+        last = numbers, frequency_of_columns(columns[:half], columns[half:], n)
+        remembered[0] = last
     return last[1]

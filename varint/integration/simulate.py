@@ -73,6 +73,8 @@ def simulate(
         Start time.
     u : array (steps, k) or (steps, r, k) or (k,), optional
         Controls: one value a step, one at each of the rule's r nodes, or the same all the time.
+        Where steps are chosen, rows of a table follow one another over the duration, each over as
+        many steps; `Trajectory.u` has the controls of these.
     params : dict, optional
         Parameter values that differ from the defaults, by name or symbol.
     save_every : int
@@ -233,22 +235,10 @@ def simulate(
         parse_watches(events)  # refuses what is no mapping
     again: partial[Trajectory] | None = None
     if not (stepped or (u is None and checkpoint is None)):
-        again = partial(
-            simulate,
-            rule=rule,
-            q0=q0,
-            v0=v0,
-            p0=p0,
-            duration=duration,
-            t0=t0,
-            save_every=save_every,
-            at=at,
-            tol=tol,
-            scale=scale,
-            progress=progress,
-            backend=backend,
-            on_failure=on_failure,
-        )
+        same: dict[str, Any] = {"q0": q0, "v0": v0, "p0": p0, "duration": duration, "t0": t0}
+        how: dict[str, Any] = {"tol": tol, "scale": scale, "progress": progress, "at": at}
+        how |= {"save_every": save_every, "backend": backend, "on_failure": on_failure}
+        again = partial(simulate, rule=rule, **same, **how)
     if again and u is not None and time_scale is None:
         from varint.integration.steady_controls import with_steady_controls
 
@@ -261,8 +251,8 @@ def simulate(
             known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
             few_steps_call, watched = _few_steps().few_steps_call, (until, events)
             level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
-            how = save_every, level, began, watched
-            tried = few_steps_call(system, rule, known, grid, *how)
+            how_few = save_every, level, began, watched
+            tried = few_steps_call(system, rule, known, grid, *how_few)
         elif moving and save_every == 1:
             begin, call = (q0, v0, t0, params), _short_call().short_call
             tried = call(system, rule, begin, p0, duration, tol, began, None, times)
@@ -275,6 +265,9 @@ def simulate(
                 tried = _short_call().short_call(
                     system, rule, begin, p0, duration, tol, began, events, times
                 )
+        elif save_every == 1 and until is None and not events and (p0 is None) != (v0 is None):
+            begin = q0, v0, t0, params
+            tried = _table_call().table_call(system, rule, begin, p0, duration, tol, u, began)
         if type(tried) is Trajectory:
             return tried if times is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
@@ -349,6 +342,13 @@ def _until_call() -> ModuleType:
     from varint.integration import until_call
 
     return until_call
+
+
+@cache
+def _table_call() -> ModuleType:
+    from varint.integration import table_call
+
+    return table_call
 
 
 @cache

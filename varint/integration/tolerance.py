@@ -54,13 +54,13 @@ from varint.integration.settled_run import LONG, SHORT, by_powers, settles_withi
 from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import angles_turned, decay_rates
+from varint.integration.table_trials import by_table_trials, controls_of_steps
 from varint.integration.trajectories import Run
 from varint.integration.two_runs import UNRESCUED, shows_its_error
 from varint.integration.walls import Failure, at_one_time
 from varint.integration.watched_trials import by_watched_trials
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
-from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
@@ -135,6 +135,11 @@ def choose_steps(
     check_steps(start.t0, start.h * start.steps, 1)
     fastest, mass = fastest_at_start(system, own, start)
     turned = radians, begin = angles_turned(start.h * start.steps, fastest, ahead)
+    by_rows = start.steps > 1 and stop is None and scale is None and tried is None
+    if by_rows and mass is not None and backend != "interpreted":
+        tables = system, rule, start, mass, tol, radians, backend, began
+        if (shown := by_table_trials(*tables)) is not None:
+            return shown
     if rule is None and start.u.shape[1] <= 1:
         by_stages = runs_by_stages(system, gauss(8), backend)
         compiled = backend == "compiled" or (
@@ -180,11 +185,11 @@ def choose_steps(
         plain = by_two_runs = found == NOT_SHORT
     if plain:
         with suppress(NotPlain):
-            shown = by_plain_trials(system, own, start, tol, turned, scale, backend)
-            if shown is not None:
-                motion = plain_motion(system, own, shown.run, began)
-                reached = shown.estimate <= tol
-                return Choice(own, shown.steps, motion, shown.estimate, shown.runs, reached, True)
+            proved = by_plain_trials(system, own, start, tol, turned, scale, backend)
+            if proved is not None:
+                motion, estimate = plain_motion(system, own, proved.run, began), proved.estimate
+                reached = estimate <= tol
+                return Choice(own, proved.steps, motion, estimate, proved.runs, reached, True)
             by_two_runs = False
 
     forced = not shows_its_error(system) and not has_steps(system)
@@ -284,18 +289,11 @@ def choose_steps(
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:
     """The same problem in so many steps; controls are those of the table, or of its one row."""
-    h, rows = start.h * start.steps / steps, start.steps
-    parts = steps // rows
-    u, table = start.u, start.u.shape[1]
+    h, u = start.h * start.steps / steps, start.u
     if not u.size:
         u = np.empty((steps, *u.shape[1:]))
-    elif rows == 1 and table == 1:
+    elif start.steps == 1 and u.shape[1] == 1:
         u = np.broadcast_to(u, (steps, *u.shape[1:]))
-    elif table == 1:
-        u = np.repeat(u, parts, axis=0)
     else:
-        nodes = np.array(rule.nodes)
-        at = ((np.arange(parts)[:, None] + nodes) / parts).ravel()
-        u = np.einsum("pi,kij->kpj", lagrange_values(nodes, at), u)
-        u = np.ascontiguousarray(u.reshape(steps, len(nodes), -1))
+        u = controls_of_steps(rule, u, steps)
     return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))

@@ -81,7 +81,7 @@ def _pieces_in(room: Room, known: Known, t0: float, duration: float) -> tuple[fl
         check_steps(t0, duration, 1)
         assert room.look is not None
         room.look()
-        fastest = fastest_of(known, room.local) or 0.0
+        fastest = fastest_of(known.n, known.last, room.local) or 0.0
         divided = there, duration, (*pieces(fastest, duration), duration)
         room.divided = None if there is None else divided
     return divided[2]

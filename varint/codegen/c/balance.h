@@ -21,8 +21,11 @@ static int set_energies(const Balance *b, const double *nodes, int64_t count, co
 
 static double power_of(double x) { return x - x == 0 ? fabs(x) : 0; }
 
-/* What is given in the step before node k at most. */
-static double work_before(const Balance *b, const double *t, const double *power, int64_t k) {
-    const double before = power_of(power[k - 1]), after = power_of(power[k]);
-    return b->missed * (before > after ? before : after) * fabs(t[k] - t[k - 1]);
+/* What is given in the step before node k at most, by the powers behind each node and before it, which controls part. */
+static double work_between(const Balance *b, const double *t, const double *behind, const double *before, int64_t k) {
+    const double first = power_of(behind[k - 1]), last = power_of(before[k]);
+    return b->missed * (first > last ? first : last) * fabs(t[k] - t[k - 1]);
 }
+
+/* The same where powers do not jump. */
+static double work_before(const Balance *b, const double *t, const double *power, int64_t k) { return work_between(b, t, power, power, k); }

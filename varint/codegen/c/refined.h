@@ -30,11 +30,12 @@ typedef struct {
     Grades *grades;          /* 0: this is filled in here */
     int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
+    Table table;             /* of controls */
     BEHIND_THE_COURSE
 } Refined;
 
 typedef struct {
-    double *rows, *own, iterations, residual;
+    double *rows, *own, *u, iterations, residual; /* u: controls at the stages of its steps */
     int64_t steps; /* of the whole duration */
     Ended ended;   /* of those that were made */
     int lost;
@@ -53,9 +54,11 @@ static int64_t farthest(const Refined *a) { return (int64_t)a->limits->farther *
 static double *make_room(const Refined *a, int64_t count, Attempt *to) {
     const int64_t n = a->n, told = 3 * n + sizeof(RunStats) / sizeof(double);
     if (count > (a->fitted && a->grades->count ? farthest(a) : a->longest)) return 0;
-    to->rows = memory_for(3 * n * (count + 1) + a->carry + told + room_of_notes(a->folds), to->rows, to->own);
+    const int64_t noted = room_of_notes(a->folds), used = room_of_controls(&a->table, to->steps, count);
+    to->rows = memory_for(3 * n * (count + 1) + a->carry + told + noted + used, to->rows, to->own);
     if (!to->rows) return 0;
     double *const carry = to->rows + 3 * n * (count + 1);
+    to->u = carry + a->carry + told + noted;
     carry[0] = 0;
     if (a->opens && !a->open(a->duration / to->steps)) return 0;
     memcpy(carry + 1, a->opening, a->opens * sizeof(double));
@@ -69,7 +72,7 @@ static int go_on(const Refined *a, const double *start, double t0, int64_t first
                  double *carry, RunStats *stats, double *notes, Attempt *to) {
     const int status = a->run(&(RunArguments){
         .steps = end - k, .save_every = 1, .first = first, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
-        .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
+        .u = to->u + a->table.stages * a->table.controls * k, .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
         .without_velocities = !a->held && !a->search.sought && !a->bends});
     to->iterations += stats->iterations;
     if (stats->residual > to->residual) to->residual = stats->residual;
@@ -92,6 +95,7 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
     to->steps = steps, to->ended = ended_after(count, t0, h);
     double *const carry = make_room(a, count, to), begin[2 * n];
     if (!carry) return 0;
+    set_controls(&a->table, steps, from, count, to->u);
     RunStats *const stats = (RunStats *)(carry + a->carry);
     double *const notes = carry + a->carry + 3 * n + sizeof(RunStats) / sizeof(double);
     if (a->held) memcpy(carry + 1 + 2 * n, speed, n * sizeof(double));

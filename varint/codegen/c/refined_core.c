@@ -21,6 +21,7 @@
 #include "bends.h"
 #include "carry.h"
 #include "grades.h"
+#include "table.h"
 #include "refined.h"
 #include "refined_errors.h"
 #include "fitted.h"
@@ -48,7 +49,7 @@ static int prove(const Refined *a, int grows, int64_t *made) {
     int result = NOT_SHORT, two = 0, stalls = 0;
     double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
-    int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
+    int64_t steps = a->table.rows ? a->first : (a->first + 3) / 4 * 4, runs = 0;
     Fits fits = {0};
     while (runs - fits.count < (int64_t)l->runs) {
         const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
@@ -176,6 +177,7 @@ static int prove(const Refined *a, int grows, int64_t *made) {
         }
         const Attempt older = before;
         before = now, now = older, two = 1;
+        if (a->table.rows && steps % (2 * a->table.rows)) ratio = l->far; /* as many in each row */
         steps = (int64_t)rint(ratio * (double)steps);
     }
     result = NOT_PROVED;

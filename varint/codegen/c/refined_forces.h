@@ -1,19 +1,25 @@
 /* What nodes do not tell by their differences alone: work that the energy misses, forces that act for less than a step.
    refined.h stands before this file. */
 /* Whether the energy is clearly that of the start and the work of forces, which `fine` shows too where motions begin: so many
-   parts of the first steps. `t`, `room`: times of both, and twice as many numbers. */
+   parts of the first steps. `t`, `room`: times of both, and three times as many numbers, with as many controls. */
 static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
     const int64_t nodes = run->ended.last + 1, more = fine->ended.last + 1;
-    const Balance b = {a->rows, a->balance, a->c, a->n, a->held ? 2 * a->n : a->n, 0, a->limits->missed};
-    double *const energy = room, *const power = energy + nodes + more, largest = 0, given = 0;
-    if (!set_energies(&b, fine->rows, more, t + nodes, 0, energy + nodes, power + nodes)) return 0;
-    if (!set_energies(&b, run->rows, nodes, t, 0, energy, power)) return 0;
+    const Balance b = {a->rows, a->balance, a->c, a->n, a->held ? 2 * a->n : a->n, a->table.controls, a->limits->missed};
+    double *const energy = room, *const power = energy + nodes + more, *const other = power + nodes + more, *const u = other + nodes + more,
+           *const before = a->table.rows ? other : power, largest = 0, given = 0;
+    for (int jump = a->table.rows > 0; jump >= 0; jump--) { /* controls do at a node */
+        double *const to = jump ? before : power;
+        if (a->table.rows) set_at_nodes(&a->table, parts * run->steps, more, jump, u);
+        if (!set_energies(&b, fine->rows, more, t + nodes, u, energy + nodes, to + nodes)) return 0;
+        if (a->table.rows) set_at_nodes(&a->table, run->steps, nodes, jump, u);
+        if (!set_energies(&b, run->rows, nodes, t, u, energy, to)) return 0;
+    }
     for (int64_t k = 0; k < nodes; k++) largest = fabs(energy[k]) > largest ? fabs(energy[k]) : largest;
     for (int64_t k = 0; k < nodes; k++) {
         if (k) {
             double early = 0;
-            for (int64_t i = parts * (k - 1) + 1; i <= parts * k && i < more; i++) early += work_before(&b, t + nodes, power + nodes, i);
-            const double rough = work_before(&b, t, power, k);
+            for (int64_t i = parts * (k - 1) + 1; i <= parts * k && i < more; i++) early += work_between(&b, t + nodes, power + nodes, before + nodes, i);
+            const double rough = work_between(&b, t, power, before, k);
             given += early > rough ? early : rough;
         }
         if (!(fabs(energy[k] - energy[0]) <= given + a->limits->given * largest)) return 0;
@@ -164,7 +170,8 @@ static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, in
     if (a->timed && !(a->push && a->bounds)) return 1;
     const double far = fabs(a->t0) + fabs(a->duration), rate = a->radians / fabs(a->duration); /* times far from zero: late_rounding */
     if (a->timed && a->limits->late * far * rate > a->tol) return 1;
-    double few[SHORT], *const t = memory_for(all + (looked > 2 * all ? looked : 2 * all), few, few);
+    const int64_t balance = (3 + a->table.controls) * all;
+    double few[SHORT], *const t = memory_for(all + (looked > balance ? looked : balance), few, few);
     if (!t) return 1;
     double *const room = t + all;
     set_node_times(a, run, t), set_node_times(a, fine, t + steps + 1);
