@@ -10,9 +10,10 @@ import varint as vi
 from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
 from varint.integration import short_call, short_doubts, tolerance
 from varint.integration.energy_check import energies_along, energies_by_velocity
+from varint.integration.looks_between import looked_at_closely
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import short_run
-from varint.integration.short_refinement import by_short_refinement, looked_at_closely
+from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import small_motions_at_start
 
@@ -85,7 +86,7 @@ def test_short_runs_keep_the_promise(monkeypatch, name, duration, tol):
 @pytest.mark.parametrize("name", SCENES)
 def test_so_many_steps_give_the_same_bytes_the_long_way(monkeypatch, name):
     scene, start, _ = SCENES[name]()
-    motion = vi.simulate(scene, **start, duration=5.0, tol=1e-7)
+    motion = vi.simulate(scene, **start, duration=5.0, tol=1e-4)
     found, steps = [], motion.stats["steps"]
     monkeypatch.setattr(short_call, "proved_motion", lambda: lambda *_: NOT_PROVED)
     monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_PROVED)
@@ -101,7 +102,7 @@ def test_so_many_steps_give_the_same_bytes_the_long_way(monkeypatch, name):
     monkeypatch.setattr(tolerance, "short_run", watched)
     monkeypatch.setattr(tolerance, "refine", begun)
     with pytest.raises(StopIteration):
-        vi.simulate(scene, **start, rule=motion.rule, duration=5.0, tol=1e-7)
+        vi.simulate(scene, **start, rule=motion.rule, duration=5.0, tol=1e-4)
     (long,) = found
     if scene.structure.linear:  # by one map a step here, and solves of its equations there
         assert "one linear map" in motion.stats["backend"]
@@ -262,11 +263,11 @@ def test_iterations_of_loose_tolerances_do_not_part_runs(events):
     assert steps == sorted(steps)
 
 
-def test_runs_that_were_doubled_are_followed_by_closer_ones():
-    """Half as many steps more prove it: 60, 90 in the place of 60, 120."""
+def test_runs_are_followed_by_those_that_prove_them():
+    """Stages say that half as many steps more do: 50, 75 in the place of 60, 90 or 60, 120."""
     scene, start = driven_pendulum()
     asked = {**start, "duration": 40.0, "progress": False}
     found = vi.simulate(scene, **asked, tol=1e-9)
-    assert (found.stats["steps"], found.stats["runs"]) == (90, 4)
+    assert (found.stats["steps"], found.stats["runs"]) == (75, 3)
     exact = vi.simulate(scene, **asked, tol=1e-12)
     assert np.abs(found.q[-1] - exact.q[-1]).max() <= 1e-9 * np.abs(exact.q).max()

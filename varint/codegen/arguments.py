@@ -85,6 +85,8 @@ class RunArguments(Structure):
         ("notes", c_void_p),
         ("rests", c_void_p),
         ("without_velocities", c_int64),
+        ("heights", c_void_p),
+        ("seen", c_void_p),
         ("end", c_double),
     ]
 

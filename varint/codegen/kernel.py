@@ -85,6 +85,9 @@ class Kernel:
         return (LATELY, 2 + 2 * self.n + self.rows) if self.rows else (0, 0)
 
 
+_NOTHING = np.empty(0)
+
+
 class LoopResult(NamedTuple):
     """What a kernel computed.
 
@@ -114,6 +117,8 @@ class LoopResult(NamedTuple):
         Hand it to the next call to go on as if the run had not stopped.
     seconds : float
         Spent in the loop, whatever had to be built before.
+    seen : array (steps,)
+        What the stages of each step show, if that was asked for; see c/run.h.
     """
 
     rows: np.ndarray
@@ -128,6 +133,7 @@ class LoopResult(NamedTuple):
     last: np.ndarray
     carry: np.ndarray
     seconds: float
+    seen: np.ndarray = _NOTHING
 
     @property
     def done(self) -> bool:
@@ -150,6 +156,7 @@ def run_loop(
     level: float = 0.0,
     most: int = FIXED_POINT_ITERATIONS,
     carry: np.ndarray | None = None,
+    heights: np.ndarray | None = None,
 ) -> LoopResult:
     """Take `steps` steps from node `first` at the time t0 + first·h.
 
@@ -172,6 +179,8 @@ def run_loop(
         Largest number of iterations a step.
     carry : array, optional
         `Run.carry` of the call that ended at node `first`.
+    heights : array (2, padded), optional
+        `StageLooks.heights`, if it is to be told what the stages of a Gauss rule show.
 
     Returns
     -------
@@ -202,6 +211,8 @@ def run_loop(
         block[kept:noted] = carry
     address = address_of(block)
     controls = 0 if u is None else address_of(u)
+    seen = _NOTHING if heights is None else np.empty(steps)
+    looks = (0, 0) if heights is None else (address_of(heights), address_of(seen))
     results = (address + 8 * place for place in (rows, kept, stats))
     began = perf_counter()
     status = kernel.entry(
@@ -221,6 +232,7 @@ def run_loop(
             address + 8 * noted if nodes else 0,
             0,
             0,
+            *looks,
             0.0,
         )
     )
@@ -229,10 +241,12 @@ def run_loop(
     end = kept if done == steps else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
     counts = int(done), int(iterations), int(largest)
-    residual, failed, contraction = told
     notes = block[noted : noted + int(written) * note].reshape(-1, note)
+    residual, failed, contraction = told
     ends = block[last:rows], block[kept:noted]
-    return LoopResult(table, status, *counts, residual, failed, contraction, notes, *ends, seconds)
+    return LoopResult(
+        table, status, *counts, residual, failed, contraction, notes, *ends, seconds, seen
+    )
 
 
 def take_parts(

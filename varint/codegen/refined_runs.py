@@ -13,7 +13,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course, HeldLooks
 
-_COURSE = struct.Struct("13P11qP3qP3q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("13P11qP4qP3q")  # Refined, what belongs to the course
 _TABLE = struct.Struct("2P4q")  # Table, which is the last of it
 _NO_TABLE = _TABLE.pack(*[0] * 6)
 
@@ -37,11 +37,11 @@ class BendLooks(NamedTuple):
 
 
 class StageLooks(NamedTuple):
-    """How it is told from the stages of a step whether the next ones may be longer.
+    """How it is told from the stages of a step how well they show the motion.
 
     Attributes
     ----------
-    heights : array (2, stages)
+    heights : array (2, padded)
         What makes the two highest Legendre coefficients of what the stages have.
     counts : tuple of int
         Unknowns of a stage, stages, and with those that fill up vectors.
@@ -63,7 +63,8 @@ def refined_course(
     limits: np.ndarray,
     held: HeldLooks | None = None,
     bends: BendLooks | None = None,
-    growth: StageLooks | None = None,
+    stages: StageLooks | None = None,
+    grows: bool = False,
     fitted: int = 0,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
@@ -88,8 +89,10 @@ def refined_course(
         Of a motion that constraint rows hold.
     bends : BendLooks, optional
         Of forces that bend with velocities.
-    growth : StageLooks, optional
-        Of motions whose steps may grow where they settle.
+    stages : StageLooks, optional
+        Of motions whose error the stages of their steps tell.
+    grows : bool
+        Whether steps may grow where the motion settles.
     fitted : int
         Steps at most of runs whose steps are shorter where forces bend; 0: none are.
 
@@ -108,10 +111,10 @@ def refined_course(
     others = 0 if bent is None else address_of(bent), pivots.at if pivots else 0
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
     kind = counted_looks, int(held is not None), kernel.note[1]
-    grown = (0, 0, 0, 0) if growth is None else (address_of(growth.heights), *growth.counts)
-    steps = *grown, 0, fitted
+    at_stages = (0, 0, 0, 0) if stages is None else (address_of(stages.heights), *stages.counts)
+    steps = *at_stages, int(grows), 0, fitted
     head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:]) + _NO_TABLE
-    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, bent, growth, *arrays))
+    return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, bent, stages, *arrays))
 
 
 def with_table(course: Course, table: np.ndarray, places: np.ndarray) -> Course:

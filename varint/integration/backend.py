@@ -125,15 +125,20 @@ def blocks_of(
 
 
 def run_at_once(
-    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel, short: bool = True
+    system: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    kernel: Kernel,
+    short: bool = True,
+    heights: np.ndarray | None = None,
 ) -> LoopResult | None:
     """A run without a look at it on the way; None where it is not short, if it is to be, or where
-    another loop must go on.
+    another loop must go on. With `heights` it tells what the stages of its steps show.
     """
     loop = _short_loop()
     if short and not loop.is_short(kernel, problem.steps - problem.first):
         return None
-    return loop.run_at_once(system, rule, problem, kernel)
+    return loop.run_at_once(system, rule, problem, kernel, heights)
 
 
 def subdivide_failed_step(

@@ -38,15 +38,15 @@ def stage_looks(system: System, rule: Rule) -> StageLooks:
     """How the core looks at the unknowns of the last step of a run by a Gauss rule."""
     x = gauss_scheme(system, len(rule.nodes))
     unknowns = (1 if x.form == 2 else 2) * system.structure.n
-    return StageLooks(_heights(x.stages), (unknowns, x.stages, x.padded))
+    return StageLooks(_heights(x.stages, x.padded), (unknowns, x.stages, x.padded))
 
 
 @cache
-def _heights(stages: int) -> np.ndarray:
+def _heights(stages: int, padded: int) -> np.ndarray:
     """What makes the two highest Legendre coefficients of values at the nodes of so many stages,
-    each times its weight.
+    each times its weight, and zeros behind them.
     """
     x = np.polynomial.legendre.leggauss(stages)[0]
     degrees = np.arange(stages)
     values = np.polynomial.legendre.legvander(x, stages - 1) * (2 * degrees + 1)
-    return np.ascontiguousarray(values[:, -2:].T)
+    return np.pad(values[:, -2:].T, ((0, 0), (0, padded - stages)))

@@ -6,7 +6,7 @@ import warnings
 
 from varint.codegen.two_runs import NOT_PROVED
 from varint.integration.energy_leap import energy_leap
-from varint.integration.short_refinement import looked_at_closely
+from varint.integration.looks_between import looked_at_closely
 from varint.integration.trajectories import with_stats
 from varint.integration.two_runs import shows_its_error
 from varint.results.trajectory import Trajectory

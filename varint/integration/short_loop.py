@@ -22,7 +22,11 @@ from varint.scene.system import System
 
 
 def run_at_once(
-    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
+    system: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    kernel: Kernel,
+    heights: np.ndarray | None = None,
 ) -> LoopResult | None:
     """The compiled run from the problem's first step on without a look at it on the way; None where
     its iteration contracts so poorly that another loop should go on, or saved nodes lie further
@@ -38,12 +42,12 @@ def run_at_once(
         count = next_piece(k, steps, every, most)[0]
         if count % every:
             return None
-        part = _piece(kernel, problem, k, count, carry)
+        part = _piece(kernel, problem, k, count, carry, heights)
         parts.append(part)
         per_step = max(part.seconds / count, 1e-12)
         if gears:
             kernel = kernel_after(gears, part.seconds, per_step * (steps - k - count))
-        if piloted and k == first and part.iterations > POOR * count:
+        if piloted and k == first and part.iterations > min(POOR, problem.most) * count:
             return None
         if part.status != DONE:
             break
@@ -56,6 +60,7 @@ def run_at_once(
         iterations=sum([part.iterations for part in parts]),
         residual=max([part.residual for part in parts]),
         seconds=sum([part.seconds for part in parts]),
+        seen=np.concatenate([part.seen for part in parts]),
     )
 
 
@@ -70,6 +75,7 @@ def _piece(
     first: int,
     steps: int,
     carry: np.ndarray | None = None,
+    heights: np.ndarray | None = None,
 ) -> LoopResult:
     """Some steps of a run in one call of its loop."""
     return compiled_run(
@@ -86,4 +92,5 @@ def _piece(
         carry=carry,
         level=problem.level,
         most=problem.most,
+        heights=heights,
     )

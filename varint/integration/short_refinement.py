@@ -16,12 +16,12 @@ import numpy as np
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.bent_steps import CLOSE, made_by_bends
 from varint.integration.choice import Choice
-from varint.integration.compiled_loop import POOR
-from varint.integration.energy_check import NOTHING
-from varint.integration.energy_leap import energy_alarm
+from varint.integration.compiled_loop import POOR, scheme_of
 from varint.integration.error_scale import error_scales, scales_of_nodes
-from varint.integration.hidden import missed_impulse
+from varint.integration.gears import BY_STAGES
+from varint.integration.graded_steps import stage_looks
 from varint.integration.linear_run import REPEATED, driven_kernel
+from varint.integration.looks_between import looked_at_closely
 from varint.integration.narrow_places import PARTS, made_at_once
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
@@ -30,7 +30,6 @@ from varint.integration.round_off import (
     GROWS,
     growth_of,
     iterated_by,
-    late_rounding,
     likely_rounding,
     parted,
     passed_by,
@@ -47,10 +46,16 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.second_looks import TRANSIENT_PARTS, before_shared
+from varint.integration.shown_by_stages import (
+    RATIOS,
+    Shown,
+    least_by_stages,
+    left_by_stages,
+    planned_by_stages,
+    ratio_to,
+)
 from varint.integration.shown_order import CAUTION, LEAST_ORDER, TELLS, part_left
 from varint.integration.two_runs import FLOOR, LEFT, STALLED
-from varint.integration.work_bound import balance_rows, summed_work
-from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -62,7 +67,6 @@ SHARED = 6  # nodes of two runs at least whose difference does
 COARSER = 30.0
 # what iterations are to serve at most: what they leave also parts runs, where motions part
 CLOSELY = 1e-4
-RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
 @np.errstate(all="ignore")  # of steps that are too large
@@ -94,6 +98,8 @@ def by_short_refinement(
     # where rates are those of places alone what iterations leave has one sign: it adds up to more
     to_the_end = system.structure.degenerate
     driven = driven_kernel(system, rule) if backend == "auto" else None
+    visible = not (driven or to_the_end) and scheme_of(system, rule) is BY_STAGES
+    heights = stage_looks(system, rule).heights if visible else None
 
     def run(
         steps: int,
@@ -101,6 +107,7 @@ def by_short_refinement(
         wanted: float,
         begin: InitialValueProblem = start,
         coarser: float = 1.0,
+        looks: bool = False,
     ) -> PlainTrial | None:
         problem, most = first_steps_of(begin, rule, steps, count, tol), POOR
         level = 0.0 if to_the_end else iteration_level(min(wanted, CLOSELY), count)
@@ -109,7 +116,8 @@ def by_short_refinement(
         problem = problem._replace(level=level * coarser, most=most)
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
-        found = kernel and run_at_once(system, rule, problem, kernel, short=False)
+        at = heights if looks and kernel and not kernel.opening else None
+        found = kernel and run_at_once(system, rule, problem, kernel, short=False, heights=at)
         good = found and found.done and np.isfinite(found.rows[-1, 0]).all()
         return PlainTrial(problem, kernel, found) if kernel and found and good else None
 
@@ -158,19 +166,23 @@ def by_short_refinement(
     before: tuple[int, PlainTrial] | None = None
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
     stalls, shown = 0, math.inf
-    growth = between = 1.0
+    growth = between = uneven = 1.0
+    looks = True  # whether it is told what the stages of the next run show
     while runs < RUNS:
         if by_map and not (driven and REPEATED * steps**2 <= tol):
             return None
-        wanted = tol / (growth * between)
-        motion = run(steps, steps, wanted, coarser=COARSER if before is None else 1.0)
-        runs += 1
+        wanted = tol / (growth * between * uneven)
+        motion = run(steps, steps, wanted, coarser=COARSER if before is None else 1.0, looks=looks)
+        runs, uneven, looks = runs + 1, 1.0, True
         if motion is None:
             runs -= bool(driven and REPEATED * steps**2 <= tol)  # too long for a map: not made
             before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
             last = shown = math.inf
             continue
+        shows = Shown(steps, motion.found.seen)
         if before is None:
+            if shows.d.size:
+                ratio, uneven, looks = planned_by_stages(shows, tol, rule.order)
             before, steps = (steps, motion), round(ratio * steps)
             continue
         if varying and steps >= FOLLOWED:
@@ -181,7 +193,7 @@ def by_short_refinement(
         differ = apart(before[1], before[0], motion, steps) / scales
         seen = float(differ.max())
         # no smooth motion comes together faster than by the rule's order: less is luck
-        off = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
+        off = max(seen, 0.0 if math.isinf(last) else last * slower**-rule.order)
         stalls = 0 if off <= STALLED * last else stalls + 1
         if math.isnan(seen) or stalls > PATIENCE:
             return None
@@ -209,11 +221,19 @@ def by_short_refinement(
             else LEFT * iteration_level(min(wanted, CLOSELY), steps) * math.sqrt(steps)
         )
         iterated = iterated_by(each, off, growth, between)
-        by_steps = max(_left(off, ratio, order, rule.order), rounded)
+        left = _left(off, ratio, order, rule.order)
+        by_stages = math.inf
+        coarse_one = Shown(before[0], before[1].found.seen)
+        if off < TELLS and not between * left <= tol:
+            by_stages = left_by_stages(coarse_one, shows, off, rule.order)
+        by_steps = max(min(left, by_stages), rounded)
         by_passages = passed_by(steps / first, off, between, tol)
         estimate = max(between * by_steps, by_passages, floor, iterated)
         # on an order, which may be luck; of two runs alone the finer may err by several times `off`
-        counted = not solved and last < math.inf and math.gcd(before[0], steps) >= SHARED
+        by_order = not solved and last < math.inf and math.gcd(before[0], steps) >= SHARED
+        counted = by_stages < left or by_order
+        if counted and left <= by_stages:
+            estimate = max(estimate, between * least_by_stages(coarse_one, shows))
         if counted and off < NO_DIGITS and estimate <= tol:
             coarse = before[1].found.rows[:: before[0] // math.gcd(before[0], steps)]
             nodes = again(steps, motion, wanted)
@@ -250,6 +270,8 @@ def by_short_refinement(
         closer = begins_well and not stalls and expected <= tol
         before, last, slower = (steps, motion), off, ratio
         ratio = near if closer and steps % 2 == 0 else far
+        if by_stages < math.inf and begins_well and not stalls:
+            ratio = ratio_to(steps, by_stages, tol / between, rule.order)
         steps = round(ratio * steps)
     return None
 
@@ -268,29 +290,3 @@ def _left(apart: float, ratio: float, order: float, best: int) -> float:
     """Error of the finer of two runs that are so far apart, by the order that runs have shown."""
     counted = part_left(ratio, order, best)
     return apart * counted / (1 - counted)
-
-
-def looked_at_closely(
-    rule: Rule, motion: Trajectory, scales: np.ndarray | None, tol: float
-) -> float:
-    """What the nodes of a run say of its error beside the differences to others: what forces did
-    between them, and infinitely much where the energy is astray; what times far from zero round.
-    """
-    system = motion.system
-    if not _balanced(motion) and energy_alarm(motion):
-        return math.inf  # few nodes bound the work of forces poorly
-    scales = error_scales(system, motion) if scales is None else scales
-    missed = missed_impulse(system, rule, motion, scales, tol)
-    return max(missed, late_rounding(motion, scales))
-
-
-def _balanced(motion: Trajectory) -> bool:
-    """Whether the energy clearly is that of the start and the work of forces."""
-    f = balance_rows(motion.system)
-    if f is None or motion.system.structure.controls:
-        return False
-    t = motion.t
-    energy, power = (x[:, 0] for x in f.values(motion.c, motion.q, motion.p, t[:, None]))
-    given = summed_work(np.abs(power), t)
-    given += NOTHING * np.abs(energy).max()
-    return bool((np.abs(energy - energy[0]) <= given).all())

@@ -19,6 +19,7 @@ import varint.integration.refinement as searched
 import varint.integration.round_off as limited
 import varint.integration.second_looks as seconds
 import varint.integration.short_refinement as refined
+import varint.integration.shown_by_stages as stages
 import varint.integration.shown_order as shown
 import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
@@ -58,6 +59,7 @@ from varint.integration.linear_run import (
     is_one_map,
     map_alone,
 )
+from varint.integration.looks_between import looked_at_closely
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.proof_limits import proof_limits
@@ -74,7 +76,7 @@ _REFINED = np.array(
     [
         *(shown.CAUTION, shown.LESS, shown.LEAST_ORDER, shown.TELLS),
         *(refined.SHARED, decided.STALLED, refined.PATIENCE),
-        *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS),
+        *(decided.FLOOR, searched.NO_DIGITS, *stages.RATIOS, refined.RUNS),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
         *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN),
@@ -86,6 +88,9 @@ _REFINED = np.array(
         *(graded.QUIET, graded.SMOOTH, graded.FEWEST, graded.TURNED),
         *(fitted.LOW, fitted.CLEAR, fitted.WORTH, fitted.LEAST_RUNS, fitted.BASE, fitted.AIMED),
         *(fitted.PASSABLE, fitted.HALVED, fitted.PARTS, fitted.FARTHER),
+        *(stages.COUNTED, stages.ALIKE, stages.TOLD, stages.FAINT),
+        *(stages.MADE, stages.AIM, stages.LONGER, stages.FORESEEN, stages.CLEARLY),
+        *(stages.EXTRA, stages.UNRESOLVED, stages.LEAST_MADE),
         limited.LATE * limited.LATELY,
     ]
 )
@@ -146,7 +151,7 @@ def by_short_trials(
         seconds = (perf_counter() - began,)
         motion = even_motion_of(system, made_of(course, chosen), nodes, start.c, grid, seconds)
     if doubted:
-        estimate = max(estimate, refined.looked_at_closely(rule, motion, None, tol))
+        estimate = max(estimate, looked_at_closely(rule, motion, None, tol))
     if estimate > tol:
         return NOT_PROVED
     return Choice(rule, steps, motion, estimate, runs, True, True)
@@ -247,11 +252,11 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
             )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
-            differ = grows and piloted and not (driven or held or s.degenerate)
-            growth = graded.stage_looks(system, rule) if differ and not forces else None
+            visible = piloted and not (driven or held or s.degenerate)
+            looks_at = graded.stage_looks(system, rule) if visible else None
             # as many in either gear
-            most = first_piece(kernel, False) if differ and bends else 0
-            others = held, bends, growth, most
+            most = first_piece(kernel, False) if grows and visible and bends else 0
+            others = held, bends, looks_at, grows and visible and not forces, most
             return refined_course(*how, body, turns, repeated, *others)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()

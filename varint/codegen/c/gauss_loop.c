@@ -1,6 +1,8 @@
 /* The loop over the steps of a Gauss rule, as gauss.h has it: what depends on the size of a scene alone. */
 
 #include "carry.h"
+#define FAINT 1e-12 /* of the largest unknowns of the same kind: round-off */
+#define BELOW 0.125 /* of the highest coefficient but one counts */
 #define SLOPES_SIZE (IMPROVES ? SLOPES_TOLD + (FORM == 2 ? 2 : 1) * ROWS * ROWS : 0)
 #define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED) + SLOPES_SIZE)
 #ifdef SCENE_AS_DATA
@@ -324,6 +326,29 @@ INLINE int accept(Run *r) {
     return 1;
 }
 
+/* How large the two highest coefficients of the last step's unknowns are beside what they usually are: of the row where they
+   are largest. Rows of round-off show nothing. */
+APART double highest(const Run *r, const double *heights) {
+    V parts[2 * MOST_ROWS];
+    double sums[2 * MOST_ROWS], found = 0, largest = 0;
+    for (int i = 0; i < ROWS; i++)
+        for (int m = 0; m < 2; m++) {
+            V one[VECTORS];
+            for (int k = 0; k < VECTORS; k++) one[k] = entry(heights + PADDED * m, k) * r->last[i][k];
+            parts[2 * i + m] = folded(one);
+        }
+    row_sums(parts, 2 * ROWS, sums);
+    for (int i = 0; i < ROWS; i++) {
+        const double *const scale = r->change.scale, high = (fabs(sums[2 * i + 1]) + fabs(sums[2 * i]) * BELOW) * r->change.inverse[i];
+        if (i == 0 || i == N) {
+            largest = 0;
+            for (int d = i; d < i + N; d++) largest = scale[d] > largest ? scale[d] : largest;
+        }
+        found = high > found && scale[i] > FAINT * largest ? high : found;
+    }
+    return found;
+}
+
 /* What the next call needs, and what the caller is told. */
 APART void store(const Run *r, const RunArguments *a, int status, int64_t done) {
     Carry *carry = (Carry *)a->carry;
@@ -380,6 +405,7 @@ int run(const RunArguments *a) {
         u += STAGES * NU;
         status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
         if (status) break;
+        if (a->seen) a->seen[done] = highest(&r, a->heights);
         t = r.t0 + r.h * (double)(r.first + ++done), ended = is_behind(r.y[N - 1], a->end);
         if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(&r, rows, t, a->without_velocities);
     }

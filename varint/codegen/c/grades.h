@@ -98,7 +98,7 @@ static Seen unknowns_of(const Looked *a, const double *carried, double h) {
         const double *const own = x + a->padded * r, most = scales[r] / unit;
         double size = 0, high = 0, next = 0;
         for (int64_t j = 0; j < a->stages; j++)
-            size += fabs(own[j]), high += a->heights[a->stages + j] * own[j], next += a->heights[j] * own[j];
+            size += fabs(own[j]), high += a->heights[a->padded + j] * own[j], next += a->heights[j] * own[j];
         size /= unit, high = (fabs(high) + fabs(next) / 8) / unit;
         const double largest = most > a->largest[r] ? most : a->largest[r], least = a->wanted * largest, longer = twice * high;
         a->largest[r] = largest;

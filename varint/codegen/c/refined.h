@@ -8,7 +8,8 @@ typedef struct {
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, coarser, closely, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
         close, bent, sure, quiet, smooth, fewest, turned,
-        low, clear, worth, least_runs, base, aimed, passable, halved, parts, farther, late, repeated;
+        low, clear, worth, least_runs, base, aimed, passable, halved, parts, farther,
+        counted, alike, told, faint, made, aim, longer, foreseen, clearly, extra, unresolved, least_made, late, repeated;
 } Limits;
 
 typedef struct {
@@ -25,8 +26,8 @@ typedef struct {
     const void *pivots;          /* (q, t) to the least pivot of constraint rows; 0: they never come to depend on one another */
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     int64_t bend_looks;      /* so many */
-    const double *heights;   /* those of grades.h; 0: all steps are equal */
-    int64_t unknowns, stages, padded;
+    const double *heights;   /* those of grades.h; 0: stages are not looked at */
+    int64_t unknowns, stages, padded, grows; /* whether steps may grow */
     Grades *grades;          /* 0: this is filled in here */
     int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
@@ -35,10 +36,10 @@ typedef struct {
 } Refined;
 
 typedef struct {
-    double *rows, *own, *u, iterations, residual; /* u: controls at the stages of its steps */
+    double *rows, *own, *u, *seen, iterations, residual; /* u: controls at the stages of its steps; seen: what the stages of each step show; 0: that is not looked at */
     int64_t steps; /* of the whole duration */
     Ended ended;   /* of those that were made */
-    int lost;
+    int lost, looks;
 } Attempt;
 
 /* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
@@ -54,9 +55,11 @@ static int64_t farthest(const Refined *a) { return (int64_t)a->limits->farther *
 static double *make_room(const Refined *a, int64_t count, Attempt *to) {
     const int64_t n = a->n, told = 3 * n + sizeof(RunStats) / sizeof(double);
     if (count > (a->fitted && a->grades->count ? farthest(a) : a->longest)) return 0;
-    const int64_t noted = room_of_notes(a->folds), used = room_of_controls(&a->table, to->steps, count);
-    to->rows = memory_for(3 * n * (count + 1) + a->carry + told + noted + used, to->rows, to->own);
+    const int64_t noted = room_of_notes(a->folds), used = room_of_controls(&a->table, to->steps, count),
+                  fixed = 3 * n * (count + 1) + a->carry + told + noted + used;
+    to->rows = memory_for(fixed + (to->looks ? count : 0), to->rows, to->own);
     if (!to->rows) return 0;
+    to->seen = to->looks ? to->rows + fixed : 0;
     double *const carry = to->rows + 3 * n * (count + 1);
     to->u = carry + a->carry + told + noted;
     carry[0] = 0;
@@ -73,6 +76,7 @@ static int go_on(const Refined *a, const double *start, double t0, int64_t first
     const int status = a->run(&(RunArguments){
         .steps = end - k, .save_every = 1, .first = first, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
         .u = to->u + a->table.stages * a->table.controls * k, .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
+        .heights = a->heights, .seen = to->seen ? to->seen + k : 0,
         .without_velocities = !a->held && !a->search.sought && !a->bends});
     to->iterations += stats->iterations;
     if (stats->residual > to->residual) to->residual = stats->residual;

@@ -26,6 +26,7 @@
 #include "refined_errors.h"
 #include "fitted.h"
 #include "refined_forces.h"
+#include "refined_stages.h"
 
 #define CUT_SHARED 3 /* nodes that runs which end early share at least: those of the whole duration have gone on, and show what was missed */
 
@@ -45,14 +46,15 @@ static int hand_over_graded(const Refined *a, const Attempt *run, Proved *to) {
 static int prove(const Refined *a, int grows, int64_t *made) {
     const Limits *const l = a->limits;
     double memory[2][SHORT];
-    Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room)};
-    int result = NOT_SHORT, two = 0, stalls = 0;
-    double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
+    const int looks = a->heights && !a->table.rows;
+    Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room), .looks = looks};
+    int result = NOT_SHORT, two = 0, stalls = 0, clear = 0;
+    double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, uneven = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = a->table.rows ? a->first : (a->first + 3) / 4 * 4, runs = 0;
     Fits fits = {0};
     while (runs - fits.count < (int64_t)l->runs) {
-        const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
+        const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between * uneven);
         if (repeated > a->tol) goto end;
         if (fits.equal && steps > farthest(a)) break;
         if (fits.equal && !two) {
@@ -80,11 +82,12 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                 continue;
             }
         }
+        uneven = 1;
         if (two) {
             const int64_t unit = common_divisor(before.steps, steps), together = shared_parts(&before, &now);
             set_scales(&measures, now.rows, 3 * a->n, now.ended.last, scales);
             const double seen = seen_apart(a, &before, before.steps / unit, &now, steps / unit, scales);
-            const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
+            const double expected = last < INFINITY ? last * pow(slower, -(double)a->order) : 0, off = seen > expected ? seen : expected;
             stalls = off <= l->stalled * last ? 0 : stalls + 1;
             if (seen != seen || stalls > (int)l->patience) break;
             if (off < l->no_digits) {
@@ -107,11 +110,19 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                          floor = (repeated > l->floor ? repeated : l->floor) * extent_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
+            const int asks = off < l->tells && !(between * estimate <= a->tol);
+            const double by_stages = asks ? left_by_stages(a, &before, &now, unit, off) : INFINITY;
+            const int shown_by_stages = by_stages < estimate;
+            estimate = shown_by_stages ? by_stages : estimate;
             estimate = between * (estimate > rounded ? estimate : rounded);
             estimate = estimate > by_passages ? estimate : by_passages, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
             /* of two runs alone nothing is counted on but that the finer one errs by less than several times their difference */
-            const int counted = last < INFINITY && unit >= (int64_t)l->shared && !(l->repeated > 0);
+            const int counted = shown_by_stages || (last < INFINITY && unit >= (int64_t)l->shared && !(l->repeated > 0));
+            if (counted && !shown_by_stages) {
+                const double least = between * least_by_stages(a, &before, &now);
+                estimate = estimate > least ? estimate : least;
+            }
             if (counted && off < l->no_digits && estimate <= a->tol) {
                 const double at_once = made_at_once(a, &before, &now, wanted, off, scales);
                 estimate = estimate > at_once ? estimate : at_once;
@@ -174,9 +185,11 @@ static int prove(const Refined *a, int grows, int64_t *made) {
             const double next = off * pow(l->near, -l->caution * (double)a->order);
             const int closer = begins_well && has_nodes && !stalls && left_of(a, next, l->near, (double)a->order) <= a->tol;
             last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, l->near) ? l->near : l->far;
-        }
+            if (by_stages < INFINITY && begins_well && has_nodes && !stalls) ratio = ratio_to(a, steps, by_stages, a->tol / between);
+        } else if (now.seen)
+            clear = !plan_by_stages(a, &now, &ratio, &uneven);
         const Attempt older = before;
-        before = now, now = older, two = 1;
+        before = now, now = older, two = 1, now.looks = looks && !clear, clear = 0;
         if (a->table.rows && steps % (2 * a->table.rows)) ratio = l->far; /* as many in each row */
         steps = (int64_t)rint(ratio * (double)steps);
     }
@@ -192,7 +205,7 @@ int refined(const Refined *asked) {
     Refined own = *asked;
     own.grades = &grades;
     int64_t runs = 0;
-    int grows = own.heights && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
+    int grows = own.grows && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
     if (own.search.sought) own.fitted = 0;
     for (;;) { /* until steps that differ have proved it, or equal ones are to */
         const int result = prove(&own, grows, &runs), fitted = grades.at && grades.at != grades.own;

@@ -1,0 +1,158 @@
+"""What the highest coefficients of stages tell of an error: it falls by the square of them."""
+
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.polynomial import legendre
+
+import varint as vi
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.kernel import run_loop
+from varint.codegen.native import native_gauss
+from varint.integration.graded_steps import stage_looks
+from varint.integration.shown_by_stages import Shown, left_by_stages, made_by_stages, ratio_to
+
+BELOW = 0.125  # of the highest coefficient but one: c/gauss_loop.c
+
+
+def driven() -> tuple[vi.System, dict]:
+    q, v, t = *vi.coordinates("x"), vi.time()
+    scene = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=-0.2 * v + 3 * ca.cos(2 * t), t=t)
+    return scene, {"q0": 1.0, "v0": 0.5}
+
+
+def seen_by(scene, start, duration, steps, stages=8, gear=native_gauss):
+    """(q at nodes, d of steps) of a run."""
+    rule = vi.gauss(stages)
+    kernel = gear(scene, rule)
+    begun = vi.simulate(scene, rule, **start, h=1e-3, steps=1)
+    looks = stage_looks(scene, rule).heights
+    asked = {"t0": 0.0, "h": duration / steps, "steps": steps, "heights": looks}
+    found = run_loop(kernel, begun.q[0], begun.p[0], begun.c, **asked)
+    assert found.done
+    return found.rows[:, 0], found.seen
+
+
+@pytest.mark.parametrize("gear", (native_gauss, gauss_kernel))
+@pytest.mark.parametrize("stages", (4, 8))
+@pytest.mark.parametrize("degree", (0, 1, 2))
+def test_what_is_seen_are_the_highest_legendre_coefficients(stages, degree, gear):
+    """A force that is the Legendre polynomial of a step's own highest degree, or one below, beside
+    the path of a step.
+    """
+    q, v, t = *vi.coordinates("x"), vi.time()
+    h, v0, high, mean = 0.5, 9.0, 0.25, 2.0
+    of = np.zeros(stages)
+    of[stages - 1 - degree] += high
+    of[0] += mean
+    x = 4 * (t - h * ca.floor(t / h)) - 1
+    force = sum(float(c) * x**k for k, c in enumerate(legendre.leg2poly(of)))
+    scene = vi.System(q, v, v**2 / 2, force=force, t=t)
+    seen = seen_by(scene, {"q0": 0.0, "v0": v0}, 4 * h, 4, stages, gear)[1]
+    paths = h * (v0 + mean * h * np.arange(1, 5))
+    assert seen == pytest.approx(h**2 * high * (1.0, BELOW, 0.0)[degree] / paths, abs=1e-14)
+
+
+def test_both_gears_see_the_same_bytes():
+    scene, start = driven()
+    one, other = (seen_by(scene, start, 10.0, 40, 8, gear) for gear in (native_gauss, gauss_kernel))
+    assert one[1].tobytes() == other[1].tobytes()
+
+
+def squeezed() -> tuple[vi.System, dict]:
+    """A mass between walls that come near it, with friction."""
+    q, v = vi.coordinates("x", "y")
+    walls = 0.3 / (1 - q[0] ** 2) + 0.2 * q[0] * q[1] + q[1] ** 4
+    return vi.System(q, v, ca.sumsqr(v) / 2 - walls, force=-0.1 * v), {
+        "q0": [0.3, 0.4],
+        "v0": [0.8, -0.5],
+    }
+
+
+@pytest.mark.parametrize("build", (driven, squeezed))
+def test_errors_fall_by_the_square_of_what_stages_show(build):
+    """Gauss' rule with four stages, twice as many steps: d, which is of third and second degree,
+    falls by 2² to 2³, the error by 2⁸.
+    """
+    scene, start = build()
+    exact = vi.simulate(scene, **start, duration=6.0, tol=1e-13)
+    size = np.abs(exact.q).max()
+
+    def of(steps):
+        q, d = seen_by(scene, start, 6.0, steps, 4)
+        there = exact.at(np.linspace(0, 6.0, steps + 1)).q
+        return d.max(), np.abs(q - there).max() / size
+
+    runs = [of(steps) for steps in (40, 80, 160)]
+    fallen, errors = (np.log2([x[i] / y[i] for x, y in pairwise(runs)]) for i in (0, 1))
+    assert 2.0 <= fallen[1] <= 3.2
+    assert 7.0 <= errors[1] <= 9.0
+    assert (errors >= 2 * fallen).all()
+
+
+@pytest.mark.parametrize("build", (driven, squeezed))
+@pytest.mark.parametrize("steps", ((16, 24), (16, 32), (20, 40), (24, 72), (32, 48)))
+def test_what_is_left_is_not_less_than_the_error(build, steps):
+    scene, start = build()
+    exact = vi.simulate(scene, **start, duration=6.0, tol=1e-13)
+    size = np.abs(exact.q).max()
+    runs = [seen_by(scene, start, 6.0, n) for n in steps]
+    unit = np.gcd(*steps)
+    apart = np.abs(runs[0][0][:: steps[0] // unit] - runs[1][0][:: steps[1] // unit]).max() / size
+    there = exact.at(np.linspace(0, 6.0, steps[1] + 1)).q
+    error = np.abs(runs[1][0] - there).max() / size
+    shown = [Shown(n, d) for n, (_, d) in zip(steps, runs, strict=True)]
+    left = left_by_stages(*shown, apart, 16)
+    assert error <= left + 1e-14
+    # and says more than that two runs are so far apart, where they resolve the motion
+    assert left < 0.1 * apart or shown[0].d.max() > 0.05 or steps[1] < 2 * steps[0]
+
+
+def test_what_does_not_fall_is_not_counted_on():
+    """A kink: d falls by little there, however fast elsewhere."""
+    coarse, fine = np.full(16, 1e-3), np.full(32, 4e-6)
+    assert left_by_stages(Shown(16, coarse), Shown(32, fine), 1e-6, 16) < 1e-9
+    coarse[5], fine[10] = 2e-3, 1e-3
+    assert left_by_stages(Shown(16, coarse), Shown(32, fine), 1e-6, 16) == np.inf
+    coarse[5], fine[10] = 1e-3, 1e-4
+    made = made_by_stages(fine)[0]
+    left = left_by_stages(Shown(16, coarse), Shown(32, fine), 1e-6, 16)
+    assert left == pytest.approx(max(made, 4.04e-8 / (1 - 4.04e-2)))
+
+
+def test_steps_that_miss_by_as_much_become_so_many_times_more():
+    assert ratio_to(16, 1e-9, 1e-3, 16) == 1.5
+    assert [ratio_to(16, x, 1e-9, 16) for x in (1e-6, 1e-5, 1e-4, 1.0)] == [2.0, 2.5, 3.0, 3.0]
+    assert ratio_to(15, 1e-9, 1e-3, 16) == 2.0  # half as many more are no whole number
+
+
+@pytest.mark.parametrize(
+    ("e", "z", "v", "duration", "tol"),
+    (
+        (0.35417420770187513, -0.8780276065317292, -0.2737287095722484, 27.775092942645358, 7.7e-6),
+        (0.3017239581491592, -0.8190802914793283, 0.4760982655292231, 5.490615295583208, 1.5e-6),
+        (0.49689535405340074, 1.4973641396844064, -0.2784673830782719, 12.763221969220993, 3.3e-6),
+        (0.24413732941094424, 1.0324875645724143, 0.09733984900182291, 27.2463509280077, 5.3e-7),
+        (0.46862262280746086, 0.49202152076285555, -0.4622729964061373, 7.3639056342545794, 1.5e-7),
+        (0.091354336889171, -0.48733782830577566, 0.16234233062036918, 11.646766547779686, 1e-9),
+    ),
+)
+def test_narrow_passages_are_not_taken_for_smooth_ones(e, z, v, duration, tol):
+    """Sitnikov's mass passes between two stars as fast as steps are long."""
+    (q, w), t = vi.coordinates("z"), vi.time()
+    r = 0.5 * (1 - e * ca.cos(t) + 0.5 * e**2 * (1 - ca.cos(2 * t)))
+    scene = vi.System(q, w, w**2 / 2 + 1 / ca.sqrt(q**2 + r**2), t=t)
+    asked = {"q0": z, "v0": v, "duration": duration, "progress": False}
+    found, exact = (vi.simulate(scene, **asked, tol=x) for x in (tol, 1e-13))
+    error = np.abs(found.q[-1] - exact.q[-1]).max() / np.abs(exact.q).max()
+    assert error <= tol
+
+
+def test_two_runs_prove_what_took_three():
+    scene, start = squeezed()
+    found = vi.simulate(scene, **start, duration=6.0, tol=1e-9, progress=False)
+    exact = vi.simulate(scene, **start, duration=6.0, tol=1e-13, progress=False)
+    assert found.stats["runs"] == 2
+    assert np.abs(found.q[-1] - exact.q[-1]).max() <= found.stats["error_estimate"] <= 1e-9
