@@ -11,8 +11,9 @@ Counted on is less: four times what the worst part of the motion says, more wher
 does not resolve the motion (of a passage that is as narrow as its steps d may have fallen by half
 of the factor), never more than 0.85 of the rule's order, and never less than the sum of the finer
 run's own d². What two runs say without that is counted on where it is enough. An order that runs
-have shown which do not resolve the motion is not counted on beyond what d² says. Of 175,000 random
-calls over forces none was silently wrong; of 145,000 by differences alone three were.
+have shown which do not resolve the motion is not counted on beyond what d² says. Of 300,000 random
+calls over forces of 31 kinds three were silently wrong, by up to 1.7 times what was asked; of
+145,000 by differences alone three, by up to ten times.
 
 The first run's d² also say how many steps the second one is to have, and whether its error will
 seem to grow (a motion from rest makes most of it late), so that its iterations are to leave less.
