@@ -117,7 +117,7 @@ class LoopResult(NamedTuple):
         Hand it to the next call to go on as if the run had not stopped.
     seconds : float
         Spent in the loop, whatever had to be built before.
-    seen : array (steps,)
+    seen : array (2 · unknowns · steps,)
         What the stages of each step show, if that was asked for; see c/run.h.
     """
 
@@ -156,7 +156,7 @@ def run_loop(
     level: float = 0.0,
     most: int = FIXED_POINT_ITERATIONS,
     carry: np.ndarray | None = None,
-    heights: np.ndarray | None = None,
+    looks: tuple[np.ndarray, int] | None = None,
 ) -> LoopResult:
     """Take `steps` steps from node `first` at the time t0 + first·h.
 
@@ -179,8 +179,9 @@ def run_loop(
         Largest number of iterations a step.
     carry : array, optional
         `Run.carry` of the call that ended at node `first`.
-    heights : array (2, padded), optional
-        `StageLooks.heights`, if it is to be told what the stages of a Gauss rule show.
+    looks : tuple, optional
+        `StageLooks.heights` and unknowns of a stage, if it is to be told what the stages of a Gauss
+        rule show.
 
     Returns
     -------
@@ -203,16 +204,18 @@ def run_loop(
     if carry is None:
         block[kept] = 0.0
         if kernel.opening:
-            at = np.array([t0 + h * first]), np.array([h])
+            when = np.array([t0 + h * first]), np.array([h])
             used = None if u is None else np.abs(u.reshape(-1, kernel.controls)).max(0)
-            told = kernel.opening(q0[None], p0[None], used, *at, c)
+            told = kernel.opening(q0[None], p0[None], used, *when, c)
             block[kept + 1 : kept + 1 + told.size] = told[0]
     else:
         block[kept:noted] = carry
     address = address_of(block)
     controls = 0 if u is None else address_of(u)
-    seen = _NOTHING if heights is None else np.empty(steps)
-    looks = (0, 0) if heights is None else (address_of(heights), address_of(seen))
+    seen, at = _NOTHING, (0, 0)
+    if looks is not None:
+        seen = np.empty(2 * looks[1] * steps)
+        at = address_of(looks[0]), address_of(seen)
     results = (address + 8 * place for place in (rows, kept, stats))
     began = perf_counter()
     status = kernel.entry(
@@ -232,7 +235,7 @@ def run_loop(
             address + 8 * noted if nodes else 0,
             0,
             0,
-            *looks,
+            *at,
             0.0,
         )
     )

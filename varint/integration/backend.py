@@ -130,15 +130,15 @@ def run_at_once(
     problem: InitialValueProblem,
     kernel: Kernel,
     short: bool = True,
-    heights: np.ndarray | None = None,
+    looks: tuple[np.ndarray, int] | None = None,
 ) -> LoopResult | None:
     """A run without a look at it on the way; None where it is not short, if it is to be, or where
-    another loop must go on. With `heights` it tells what the stages of its steps show.
+    another loop must go on. With `looks` it tells what the stages of its steps show.
     """
     loop = _short_loop()
     if short and not loop.is_short(kernel, problem.steps - problem.first):
         return None
-    return loop.run_at_once(system, rule, problem, kernel, heights)
+    return loop.run_at_once(system, rule, problem, kernel, looks)
 
 
 def subdivide_failed_step(

@@ -26,7 +26,7 @@ def run_at_once(
     rule: Rule,
     problem: InitialValueProblem,
     kernel: Kernel,
-    heights: np.ndarray | None = None,
+    looks: tuple[np.ndarray, int] | None = None,
 ) -> LoopResult | None:
     """The compiled run from the problem's first step on without a look at it on the way; None where
     its iteration contracts so poorly that another loop should go on, or saved nodes lie further
@@ -42,7 +42,7 @@ def run_at_once(
         count = next_piece(k, steps, every, most)[0]
         if count % every:
             return None
-        part = _piece(kernel, problem, k, count, carry, heights)
+        part = _piece(kernel, problem, k, count, carry, looks)
         parts.append(part)
         per_step = max(part.seconds / count, 1e-12)
         if gears:
@@ -75,7 +75,7 @@ def _piece(
     first: int,
     steps: int,
     carry: np.ndarray | None = None,
-    heights: np.ndarray | None = None,
+    looks: tuple[np.ndarray, int] | None = None,
 ) -> LoopResult:
     """Some steps of a run in one call of its loop."""
     return compiled_run(
@@ -92,5 +92,5 @@ def _piece(
         carry=carry,
         level=problem.level,
         most=problem.most,
-        heights=heights,
+        looks=looks,
     )

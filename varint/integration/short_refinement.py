@@ -48,11 +48,12 @@ from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.second_looks import TRANSIENT_PARTS, before_shared
 from varint.integration.shown_by_stages import (
     RATIOS,
-    Shown,
+    SHARED,
     least_by_stages,
     left_by_stages,
     planned_by_stages,
     ratio_to,
+    shown_by,
 )
 from varint.integration.shown_order import CAUTION, LEAST_ORDER, TELLS, part_left
 from varint.integration.two_runs import FLOOR, LEFT, STALLED
@@ -61,7 +62,6 @@ from varint.scene.system import System
 
 RUNS = 8  # after which it is given up
 PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
-SHARED = 6  # nodes of two runs at least whose difference does
 # times as much may iterations leave in a run that no other one came before, which is no answer: the
 # difference to the next one may be some twenty times the wanted error
 COARSER = 30.0
@@ -99,7 +99,8 @@ def by_short_refinement(
     to_the_end = system.structure.degenerate
     driven = driven_kernel(system, rule) if backend == "auto" else None
     visible = not (driven or to_the_end) and scheme_of(system, rule) is BY_STAGES
-    heights = stage_looks(system, rule).heights if visible else None
+    at_stages = stage_looks(system, rule) if visible else None
+    stages = at_stages and (at_stages.heights, at_stages.counts[0])
 
     def run(
         steps: int,
@@ -116,8 +117,8 @@ def by_short_refinement(
         problem = problem._replace(level=level * coarser, most=most)
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
-        at = heights if looks and kernel and not kernel.opening else None
-        found = kernel and run_at_once(system, rule, problem, kernel, short=False, heights=at)
+        at = stages if looks and kernel and not kernel.opening else None
+        found = kernel and run_at_once(system, rule, problem, kernel, short=False, looks=at)
         good = found and found.done and np.isfinite(found.rows[-1, 0]).all()
         return PlainTrial(problem, kernel, found) if kernel and found and good else None
 
@@ -179,7 +180,7 @@ def by_short_refinement(
             before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
             last = shown = math.inf
             continue
-        shows = Shown(steps, motion.found.seen)
+        shows = shown_by(motion.found.seen, steps, system.structure.n)
         if before is None:
             if shows.d.size:
                 ratio, uneven, looks = planned_by_stages(shows, tol, rule.order)
@@ -193,7 +194,7 @@ def by_short_refinement(
         differ = apart(before[1], before[0], motion, steps) / scales
         seen = float(differ.max())
         # no smooth motion comes together faster than by the rule's order: less is luck
-        off = max(seen, 0.0 if math.isinf(last) else last * slower**-rule.order)
+        off = max(seen, last * slower**-rule.order if last < NO_DIGITS else 0.0)
         stalls = 0 if off <= STALLED * last else stalls + 1
         if math.isnan(seen) or stalls > PATIENCE:
             return None
@@ -223,7 +224,7 @@ def by_short_refinement(
         iterated = iterated_by(each, off, growth, between)
         left = _left(off, ratio, order, rule.order)
         by_stages = math.inf
-        coarse_one = Shown(before[0], before[1].found.seen)
+        coarse_one = shown_by(before[1].found.seen, before[0], system.structure.n)
         if off < TELLS and not between * left <= tol:
             by_stages = left_by_stages(coarse_one, shows, off, rule.order)
         by_steps = max(min(left, by_stages), rounded)

@@ -75,7 +75,7 @@ from varint.scene.system import System
 _REFINED = np.array(
     [
         *(shown.CAUTION, shown.LESS, shown.LEAST_ORDER, shown.TELLS),
-        *(refined.SHARED, decided.STALLED, refined.PATIENCE),
+        *(stages.SHARED, decided.STALLED, refined.PATIENCE),
         *(decided.FLOOR, searched.NO_DIGITS, *stages.RATIOS, refined.RUNS),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
@@ -90,7 +90,8 @@ _REFINED = np.array(
         *(fitted.PASSABLE, fitted.HALVED, fitted.PARTS, fitted.FARTHER),
         *(stages.COUNTED, stages.ALIKE, stages.TOLD, stages.FAINT),
         *(stages.MADE, stages.AIM, stages.LONGER, stages.FORESEEN, stages.CLEARLY),
-        *(stages.EXTRA, stages.UNRESOLVED, stages.LEAST_MADE),
+        *(stages.EXTRA, stages.UNRESOLVED, stages.LEAST_MADE, stages.MOST_UNRESOLVED),
+        stages.ROUND_OFF,
         limited.LATE * limited.LATELY,
     ]
 )

@@ -1,7 +1,6 @@
 /* The loop over the steps of a Gauss rule, as gauss.h has it: what depends on the size of a scene alone. */
 
 #include "carry.h"
-#define FAINT 1e-12 /* of the largest unknowns of the same kind: round-off */
 #define BELOW 0.125 /* of the highest coefficient but one counts */
 #define SLOPES_SIZE (IMPROVES ? SLOPES_TOLD + (FORM == 2 ? 2 : 1) * ROWS * ROWS : 0)
 #define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED) + SLOPES_SIZE)
@@ -326,11 +325,10 @@ INLINE int accept(Run *r) {
     return 1;
 }
 
-/* How large the two highest coefficients of the last step's unknowns are beside what they usually are: of the row where they
-   are largest. Rows of round-off show nothing. */
-APART double highest(const Run *r, const double *heights) {
+/* How large the two highest coefficients of the last step's unknowns are, row by row, and the sizes of rows. */
+APART void see(const Run *r, const double *heights, double *seen) {
     V parts[2 * MOST_ROWS];
-    double sums[2 * MOST_ROWS], found = 0, largest = 0;
+    double sums[2 * MOST_ROWS];
     for (int i = 0; i < ROWS; i++)
         for (int m = 0; m < 2; m++) {
             V one[VECTORS];
@@ -338,15 +336,8 @@ APART double highest(const Run *r, const double *heights) {
             parts[2 * i + m] = folded(one);
         }
     row_sums(parts, 2 * ROWS, sums);
-    for (int i = 0; i < ROWS; i++) {
-        const double *const scale = r->change.scale, high = (fabs(sums[2 * i + 1]) + fabs(sums[2 * i]) * BELOW) * r->change.inverse[i];
-        if (i == 0 || i == N) {
-            largest = 0;
-            for (int d = i; d < i + N; d++) largest = scale[d] > largest ? scale[d] : largest;
-        }
-        found = high > found && scale[i] > FAINT * largest ? high : found;
-    }
-    return found;
+    for (int i = 0; i < ROWS; i++) seen[i] = fabs(sums[2 * i + 1]) + fabs(sums[2 * i]) * BELOW;
+    COPY(seen + ROWS, r->change.scale, ROWS);
 }
 
 /* What the next call needs, and what the caller is told. */
@@ -405,7 +396,7 @@ int run(const RunArguments *a) {
         u += STAGES * NU;
         status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
         if (status) break;
-        if (a->seen) a->seen[done] = highest(&r, a->heights);
+        if (a->seen) see(&r, a->heights, a->seen + 2 * ROWS * done);
         t = r.t0 + r.h * (double)(r.first + ++done), ended = is_behind(r.y[N - 1], a->end);
         if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(&r, rows, t, a->without_velocities);
     }

@@ -9,7 +9,7 @@ typedef struct {
         at_once, part_of_it, narrow_parts, uncertain, coarser, closely, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
         close, bent, sure, quiet, smooth, fewest, turned,
         low, clear, worth, least_runs, base, aimed, passable, halved, parts, farther,
-        counted, alike, told, faint, made, aim, longer, foreseen, clearly, extra, unresolved, least_made, late, repeated;
+        counted, alike, told, faint, made, aim, longer, foreseen, clearly, extra, unresolved, least_made, most_unresolved, round_off, late, repeated;
 } Limits;
 
 typedef struct {
@@ -57,7 +57,7 @@ static double *make_room(const Refined *a, int64_t count, Attempt *to) {
     if (count > (a->fitted && a->grades->count ? farthest(a) : a->longest)) return 0;
     const int64_t noted = room_of_notes(a->folds), used = room_of_controls(&a->table, to->steps, count),
                   fixed = 3 * n * (count + 1) + a->carry + told + noted + used;
-    to->rows = memory_for(fixed + (to->looks ? count : 0), to->rows, to->own);
+    to->rows = memory_for(fixed + (to->looks ? 2 * a->unknowns * count : 0), to->rows, to->own);
     if (!to->rows) return 0;
     to->seen = to->looks ? to->rows + fixed : 0;
     double *const carry = to->rows + 3 * n * (count + 1);
@@ -76,7 +76,7 @@ static int go_on(const Refined *a, const double *start, double t0, int64_t first
     const int status = a->run(&(RunArguments){
         .steps = end - k, .save_every = 1, .first = first, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
         .u = to->u + a->table.stages * a->table.controls * k, .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
-        .heights = a->heights, .seen = to->seen ? to->seen + k : 0,
+        .heights = a->heights, .seen = to->seen ? to->seen + 2 * a->unknowns * k : 0,
         .without_velocities = !a->held && !a->search.sought && !a->bends});
     to->iterations += stats->iterations;
     if (stats->residual > to->residual) to->residual = stats->residual;

@@ -75,6 +75,7 @@ static int prove(const Refined *a, int grows, int64_t *made) {
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
         }
+        if (now.seen) set_seen(a, &now);
         if (fits.equal && !two) {
             set_scales(&measures, now.rows, 3 * a->n, now.ended.last, scales);
             if (is_bent(a, &now, 1, wanted, scales, &fits)) {
@@ -87,7 +88,7 @@ static int prove(const Refined *a, int grows, int64_t *made) {
             const int64_t unit = common_divisor(before.steps, steps), together = shared_parts(&before, &now);
             set_scales(&measures, now.rows, 3 * a->n, now.ended.last, scales);
             const double seen = seen_apart(a, &before, before.steps / unit, &now, steps / unit, scales);
-            const double expected = last < INFINITY ? last * pow(slower, -(double)a->order) : 0, off = seen > expected ? seen : expected;
+            const double expected = last < l->no_digits ? last * pow(slower, -(double)a->order) : 0, off = seen > expected ? seen : expected;
             stalls = off <= l->stalled * last ? 0 : stalls + 1;
             if (seen != seen || stalls > (int)l->patience) break;
             if (off < l->no_digits) {

@@ -6,6 +6,29 @@ static double largest_of(const double *x, int64_t count) {
     return zero == 0 ? largest : INFINITY;
 }
 
+/* How large the highest coefficients of each step are beside the largest sizes of their rows, where these are largest, in the place
+   of what has been seen of the rows. Those of round-off alone tell nothing. */
+static void set_seen(const Refined *a, Attempt *run) {
+    const int64_t rows = a->unknowns, n = a->n, steps = run->ended.whole;
+    double largest[rows];
+    for (int64_t i = 0; i < rows; i++) {
+        largest[i] = 0;
+        for (int64_t k = 0; k < steps; k++) {
+            const double size = run->seen[2 * rows * k + rows + i];
+            largest[i] = size > largest[i] ? size : largest[i];
+        }
+    }
+    for (int64_t kind = 0; kind < rows; kind += n) {
+        const double most = largest_of(largest + kind, n);
+        for (int64_t i = kind; i < kind + n; i++) largest[i] = largest[i] > a->limits->round_off * most ? 1 / largest[i] : 0;
+    }
+    for (int64_t k = 0; k < steps; k++) {
+        double high[rows];
+        for (int64_t i = 0; i < rows; i++) high[i] = run->seen[2 * rows * k + i] * largest[i];
+        run->seen[k] = largest_of(high, rows);
+    }
+}
+
 /* What the steps of a run are likely to make; and how much more this seems to grow than the error of a regular motion, because most
    of it is made late: growth_of. */
 static double made_by_stages(const Refined *a, const Attempt *run, double *uneven) {
@@ -27,7 +50,7 @@ static double made_by_stages(const Refined *a, const Attempt *run, double *uneve
 /* Error of the finer one of two runs that are `off`; infinite where their stages tell nothing. */
 static double left_by_stages(const Refined *a, const Attempt *before, const Attempt *now, int64_t unit, double off) {
     const Limits *const l = a->limits;
-    if (!before->seen || !now->seen) return INFINITY;
+    if (!before->seen || !now->seen || unit < (int64_t)l->shared) return INFINITY;
     const int64_t few = before->steps / unit, many = now->steps / unit, parts = shared_parts(before, now);
     const double most = largest_of(before->seen, few * parts), ratio = (double)now->steps / (double)before->steps, faint = l->faint * most;
     double fallen = 0, uneven;
@@ -47,8 +70,9 @@ static double left_by_stages(const Refined *a, const Attempt *before, const Atte
 static double least_by_stages(const Refined *a, const Attempt *before, const Attempt *now) {
     double uneven;
     if (!before->seen || !now->seen) return 0;
-    const double unresolved = largest_of(before->seen, before->ended.whole) / a->limits->told;
-    return a->limits->least_made * (1 + unresolved * unresolved) * made_by_stages(a, now, &uneven);
+    const double unresolved = largest_of(before->seen, before->ended.whole) / a->limits->told, more = 1 + unresolved * unresolved,
+                 most = a->limits->most_unresolved;
+    return a->limits->least_made * (more < most ? more : most) * made_by_stages(a, now, &uneven);
 }
 
 /* How many times as many steps prove an error, where runs of these err by so much. */
@@ -58,7 +82,9 @@ static double ratio_to(const Refined *a, int64_t steps, double error, double wan
                  some[] = {l->near, l->far, (l->far + l->longer) / 2, l->longer};
     for (int i = 0; i < 4; i++) {
         const double more = some[i] * (double)steps;
-        if ((needed <= some[i] || i == 3) && more == rint(more) && is_divided(a->grades, steps, some[i])) return some[i];
+        if (!(needed <= some[i] || i == 3) || more != rint(more)) continue;
+        const int shows = i == 0 || common_divisor(steps, (int64_t)more) >= (int64_t)l->shared;
+        if (shows && is_divided(a->grades, steps, some[i])) return some[i];
     }
     return l->far;
 }

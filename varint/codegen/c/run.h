@@ -25,7 +25,7 @@ typedef struct {
     double *rests;     /* Newton's method: rounding errors of q and p at a fresh start, then at every saved node; 0: not wanted */
     int64_t without_velocities; /* whether v need not be there in the rows */
     const double *heights;      /* Gauss rules: what makes the highest Legendre coefficient but one of a step's unknowns, and the highest */
-    double *seen;               /* how large both are in each step beside the unknowns; 0: not wanted */
+    double *seen;               /* for each step how large both are in each row of unknowns, and the sizes of rows; 0: not wanted */
     double end;                 /* from zero on, of the last coordinate: the node there or behind it is the last; 0: nowhere */
 } RunArguments;
 
