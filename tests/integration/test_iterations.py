@@ -163,3 +163,60 @@ def test_a_loose_step_whose_start_is_far_off_gives_it_up_early():
     tight = vi.simulate(double_pendulum(), vi.gauss(8), **asked | {"iteration_tol": 1e-12})
     assert loose.stats["iterations"] < 18 * steps
     assert np.abs(loose.q - tight.q).max() < 1e-3
+
+
+# scene, stages, step: the iteration of the stages seems to be over long before it is
+EARLY = [
+    # changes are constant: round-off alone, of a momentum that is zero, had told the slopes
+    (vi.models.free_rigid_body, 8, 17.893949715776007 / 56),
+    # they shrink slowly, and now and then not at all
+    (vi.models.spring_pendulum, 7, 1.3939783050212828),
+    # they shrink by sixteen digits at once: forces that are infinite have thrown all bodies far apart
+    (vi.models.lennard_jones, 8, 0.319),
+    (vi.models.lennard_jones, 4, 0.432),
+    (vi.models.lennard_jones, 8, 0.509),
+    (vi.models.fpu_chain, 5, 2.646),
+]
+
+
+def ends_of_steps(system, rule, states, h, backend):
+    """Where a step ends from each of the states (q, p): (q, p), or None where it is not solved."""
+    ends = []
+    for q, p in states:
+        how = dict(q0=q, p0=p, h=h, steps=1, backend=backend, progress=False)
+        try:
+            motion = vi.simulate(system, rule, **how)
+        except vi.ConvergenceError:
+            ends.append(None)
+            continue
+        assert motion.stats["residual"] <= 1e-10
+        ends.append(np.concatenate([motion.q[-1], motion.p[-1]]))
+    return ends
+
+
+@pytest.mark.parametrize(
+    "model, stages, h", EARLY, ids=[f"{m.__name__}-{s}-{h:.3g}" for m, s, h in EARLY]
+)
+def test_every_step_of_a_run_is_solved_to_round_off_or_said_to_fail(model, stages, h):
+    """Each step of a run, and the same begun without it, by iterations of the stages satisfies the
+    equations that Newton's method solves.
+    """
+    scene, rule = model(), vi.gauss(stages)
+    how = dict(q0=scene.q0, v0=scene.v0, h=h, steps=56, backend="native", progress=False)
+    try:
+        motion = vi.simulate(scene.system, rule, **how)
+    except vi.ConvergenceError as error:
+        motion = error.trajectory
+    assert motion.stats["residual"] <= 1e-10
+    states = list(zip(motion.q, motion.p, strict=True))
+    fresh = ends_of_steps(scene.system, rule, states[:-1], h, "native")
+    wanted = ends_of_steps(scene.system, rule, states[:-1], h, "interpreted")
+    after = [np.concatenate(state) for state in states[1:]]
+    size = np.max(np.abs(np.array([np.concatenate(state) for state in states])), axis=0)
+    for step, alone, other in zip(after, fresh, wanted, strict=True):
+        if other is None:  # Newton's method began too far off
+            continue
+        for found in (step, alone):
+            if found is None or np.any(np.abs(found - other) > 1e-2 * size):
+                continue  # another solution: so long steps have several
+            np.testing.assert_allclose(found, other, rtol=0, atol=1e-11 * size.max())

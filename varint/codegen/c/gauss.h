@@ -85,6 +85,9 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define LATELY 8 /* steps that count in a mean that fades */
 #define WORSE 1.3 /* times as many evaluations as lately: the other order is not tried to the end */
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
+#define IDLE 4   /* looks that find no change half as large as the best: larger ones may be round-off of what cancels */
+#define LONG_IDLE 16 /* where they are much larger: slow contraction, too, now and then takes a few looks without one */
+#define DRIFTS 3 /* changes since then that add up to so many: no round-off, which goes to and fro, but slow contraction */
 #define SMALL_WORK 1e-9 /* of a change that no longer shrinks, beside the action of the step: round-off of large momenta */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
@@ -176,6 +179,7 @@ typedef struct {
 typedef struct {
     double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, off, best[MOST_ROWS];
     int checks, stalled, idle[MOST_ROWS];
+    Unknowns from; /* each row where its best change was, or where it was last seen to go on and on */
 } Change;
 
 struct Run;
@@ -434,8 +438,11 @@ INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level,
     } else {
         if (now < 0.5 * c->lowest) c->lowest = now, c->stalled = 0;
         else c->stalled += 1;
-        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(s, fresh, c, level));
-        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0, c->left = now * c->rate;
+        done |= now * now <= level * (before < 1 ? before : 1);
+        const int stuck = !done && !(now < 0.5 * before) && stagnates(s, fresh, c, level); /* says itself what is left */
+        if (done | stuck) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0;
+        if (done) c->left = now * c->rate;
+        done |= stuck;
     }
     c->now = now;
     return done;

@@ -36,22 +36,36 @@ APART int is_unseen(const Step *s, const Unknowns fresh, int r) {
 }
 
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
-   2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
+   2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. What is
+   left of a row is told by the size that it is judged by. */
 APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
     const V(*const x)[VECTORS] = s->x;
     int all = 1;
+    c->left = 0;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
-        if (now < 0.5 * c->best[r]) c->best[r] = now, c->idle[r] = now > NEAR * size ? 0 : c->idle[r];
-        else c->idle[r] += 1;
+        if (now < 0.5 * c->best[r]) {
+            c->best[r] = now, c->idle[r] = now > NEAR * size ? 0 : c->idle[r];
+            memcpy(c->from[r], fresh[r], sizeof c->from[r]);
+        } else c->idle[r] += 1;
         for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
-        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
-                      (!LEGENDRE_ITERATIONS && c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || is_unseen(s, fresh, r)));
+        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size);
+        double left = now / (size + 1e-300);
+        if (!settled && !LEGENDRE_ITERATIONS && c->idle[r] >= IDLE) { /* neither shrinks nor goes on in one direction */
+            const int by_size = now <= (c->idle[r] >= LONG_IDLE ? 1e-9 : 1e-12) * size, by_most = now <= 1e-13 * most;
+            settled = by_size || by_most || is_unseen(s, fresh, r);
+            if (settled) left = by_most ? now / most : by_size ? left : EPS;
+            if (settled && largest(change_of(fresh[r], c->from[r])) > DRIFTS * now) {
+                c->best[r] = now, settled = c->idle[r] = 0;
+                memcpy(c->from[r], fresh[r], sizeof c->from[r]);
+            } else if (settled && now < c->best[r]) c->best[r] = now, settled = 0;
+        }
+        c->left = left > c->left ? left : c->left;
         all &= settled;
     }
     if (BY_DEFECT && !LEGENDRE_ITERATIONS && !all && c->stalled > 1) {
         const double work = work_of(s, fresh);
-        if (work <= SMALL_WORK) all = 1, c->work = work > c->work ? work : c->work;
+        if (work <= SMALL_WORK) all = 1, c->left = work, c->work = work > c->work ? work : c->work;
     }
     if (all)
         for (int r = 0; r < ROWS; r++) {

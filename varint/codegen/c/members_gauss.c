@@ -12,10 +12,13 @@
 #endif
 #define EPS 0x1p-53
 #define LEVEL 0x1p-56
+#define IDLE 4.0
+#define LONG_IDLE 16.0
+#define DRIFTS 3.0
 
 typedef V Unknowns[STAGES][ROWS];
 typedef struct { double t[STAGES], c[STAGES], b[STAGES]; V u[STAGES][NU + 1]; } Nodes; /* times, h c, h b or h^2 b */
-typedef struct { V scale[ROWS], best[ROWS], idle[ROWS], now, rate; } Change;
+typedef struct { V scale[ROWS], best[ROWS], idle[ROWS], now, rate; Unknowns from; } Change;
 
 INLINE I all_bits(void) { return (I){0} == 0; }
 INLINE int any(I mask) { int64_t y = 0; for (int l = 0; l < LANES; l++) y |= mask[l]; return y != 0; }
@@ -90,7 +93,7 @@ static __attribute__((noinline)) I settled(const Unknowns fresh, const Unknowns 
         for (int r = 0; r < ROWS; r++) c->best[r] = splat(INFINITY), c->idle[r] = splat(0.0);
         return done | (now * c->rate <= LEVEL);
     }
-    done |= now * now <= LEVEL * before;
+    done |= now * now <= LEVEL * v_fmin(before, splat(1.0));
     const I stuck = ~done & ~(now < 0.5 * before);
     if (any(stuck)) {
         I all = all_bits();
@@ -98,12 +101,22 @@ static __attribute__((noinline)) I settled(const Unknowns fresh, const Unknowns 
             const V size = c->scale[r];
             V most = splat(0.0);
             for (int i = r / N * N; i < r / N * N + N; i++) most = v_fmax(most, c->scale[i]);
-            const I better = change[r] < 0.5 * c->best[r];
-            c->best[r] = choose(stuck & better, change[r], c->best[r]);
+            const I better = stuck & (change[r] < 0.5 * c->best[r]);
+            c->best[r] = choose(better, change[r], c->best[r]);
             c->idle[r] = choose(stuck, choose(better, splat(0.0), c->idle[r] + 1.0), c->idle[r]);
-            all &= (change[r] <= EPS * size) | (change[r] <= LEVEL * size) |
-                   ((c->idle[r] >= 1.0) & (change[r] <= 0x1p-44 * size)) |
-                   ((c->idle[r] >= 4.0) & ((change[r] <= 1e-9 * size) | (change[r] <= 1e-13 * most)));
+            V moved = splat(0.0);
+            for (int i = 0; i < STAGES; i++) {
+                c->from[i][r] = choose(better, fresh[i][r], c->from[i][r]);
+                moved = v_fmax(moved, v_fabs(fresh[i][r] - c->from[i][r]));
+            }
+            const V part = choose(c->idle[r] >= LONG_IDLE, splat(1e-9), splat(1e-12));
+            const I near = (change[r] <= EPS * size) | (change[r] <= LEVEL * size) | ((c->idle[r] >= 1.0) & (change[r] <= 0x1p-44 * size));
+            const I idle = ~near & (c->idle[r] >= IDLE) & ((change[r] <= part * size) | (change[r] <= 1e-13 * most));
+            const I drifts = stuck & idle & (moved > DRIFTS * change[r]), shrinks = stuck & idle & (change[r] < c->best[r]);
+            c->best[r] = choose(drifts | shrinks, change[r], c->best[r]);
+            c->idle[r] = choose(drifts, splat(0.0), c->idle[r]);
+            for (int i = 0; i < STAGES; i++) c->from[i][r] = choose(drifts, fresh[i][r], c->from[i][r]);
+            all &= near | (idle & ~drifts & ~shrinks);
         }
         done |= stuck & all;
     }

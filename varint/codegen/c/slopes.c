@@ -86,19 +86,17 @@ INLINE void evaluate_there(Run *r, int64_t k) {
 }
 
 /* Slopes of the right-hand side at a place and its momenta, or with FORM 2 its speeds, by differences from it, the points in
-   the lanes. */
-static void take_slopes(Run *r, int64_t k, const double *q, const double *z, double t) {
+   the lanes, as far apart as the sizes of what differs say. */
+static void take_slopes(Run *r, int64_t k, const double *q, const double *z, double t, const double *size) {
     Slopes *const to = &r->slopes;
     Step *const s = &r->now;
     const int columns = BOTH ? 2 * N : N, each = STAGES - 1;
     V(*const second)[VECTORS] = HALVES ? s->p : s->start + N, controls[MOST_NU + 1][VECTORS];
-    double most = 0;
     copy_step(&r->next, s); /* nothing is begun there */
     memcpy(controls, r->at.u, sizeof controls);
     for (int m = 0; m < NU; m++)
         for (int l = 0; l < VECTORS; l++) r->at.u[m][l] = splat(lane(controls[m][0], 0));
     for (int l = 0; l < VECTORS; l++) s->t[l] = splat(t);
-    for (int d = 0; d < N; d++) most = fabs(q[d]) > most ? fabs(q[d]) : most;
     for (int first = 0; first < columns; first += each) {
         const int count = columns - first < each ? columns - first : each;
         double off[STAGES];
@@ -106,8 +104,7 @@ static void take_slopes(Run *r, int64_t k, const double *q, const double *z, dou
             for (int l = 0; l < VECTORS; l++) s->start[d][l] = splat(q[d]), second[d][l] = splat(z[d]);
         for (int j = 1; j <= count; j++) {
             const int c = first + j - 1, d = c % N;
-            const double here = c < N ? q[d] : z[d], way = FORM == 2 && c >= N ? r->change.scale[d] / fabs(r->h) : r->change.scale[c],
-                         size = fabs(here) + way, there = here + APART_BY * (size > 0 ? size : most > 0 ? most : 1);
+            const double here = c < N ? q[d] : z[d], there = here + APART_BY * size[c];
             off[j] = there - here;
             set_lane(&(c < N ? s->start : second)[d][j / LANES], j % LANES, there);
         }
@@ -126,6 +123,34 @@ static void take_slopes(Run *r, int64_t k, const double *q, const double *z, dou
     r->next.count = 0;
 }
 
+/* Sizes of a place and of its momenta or speeds, by which slopes are taken: of a number and of how far it moves in a step. */
+INLINE void sizes_there(const Run *r, const double *q, const double *z, double *size) {
+    const double *const scale = r->change.scale;
+    double most = 0;
+    for (int d = 0; d < N; d++) most = fabs(q[d]) > most ? fabs(q[d]) : most;
+    for (int c = 0; c < 2 * N; c++) {
+        size[c] = c < N ? fabs(q[c]) + scale[c] : fabs(z[c - N]) + (FORM == 2 ? scale[c - N] / fabs(r->h) : scale[c]);
+        if (!(size[c] > 0)) size[c] = most > 0 ? most : 1;
+    }
+}
+
+/* Whether a size is by far too small, and is made what the number moves where all others move by theirs: sums that cancel
+   leave round-off, by whose size differences of all the rest are nothing but theirs. */
+INLINE int outgrown(const Run *r, double *size) {
+    const Slopes *const s = &r->slopes;
+    const double *const scale = r->change.scale;
+    int any = 0;
+    for (int c = 0; c < ROWS; c++) {
+        double moved = 0;
+        for (int j = 0; j < ROWS; j++) moved += fabs(s->of_places[c * ROWS + j]) * scale[j];
+        if (FORM == 2 && BOTH)
+            for (int j = 0; j < ROWS; j++) moved += fabs(s->of_speeds[c * ROWS + j]) * scale[j];
+        if (moved > OUTGROWN * size[c]) any = 1, size[c] = moved;
+        if (FORM == 2 && moved > OUTGROWN * fabs(r->h) * size[N + c]) any = 1, size[N + c] = moved / fabs(r->h);
+    }
+    return any;
+}
+
 /* Slopes in the middle of the step k, where its unknowns put it; of a fresh start, where it begins. */
 APART void renew_slopes(Run *r, int64_t k) {
     const Step *const s = &r->now;
@@ -138,7 +163,11 @@ APART void renew_slopes(Run *r, int64_t k) {
         q[d] = lane(place[j / LANES], j % LANES);
         z[d] = HALVES || (s->count && BOTH) ? lane(other[j / LANES], j % LANES) : r->y[N + d] / r->h;
     }
-    take_slopes(r, k, q, z, lane(s->t[j / LANES], j % LANES));
+    const double t_there = lane(s->t[j / LANES], j % LANES);
+    double size[2 * MOST_N];
+    sizes_there(r, q, z, size);
+    take_slopes(r, k, q, z, t_there, size);
+    if (outgrown(r, size)) take_slopes(r, k, q, z, t_there, size);
     invert(r);
     r->slopes.renew = 0, r->slopes.there = 1;
 }

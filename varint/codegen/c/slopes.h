@@ -20,6 +20,7 @@
 #define REST 64     /* plain steps until slopes are, and each time four times as many */
 #define LASTING (1 << 20)
 #define APART_BY 0x1p-25 /* of a number and of how far it moves in a step: differences of slopes */
+#define OUTGROWN 0x1p16  /* times its size that a number moves: round-off of its differences begins to count */
 
 typedef double Pairs __attribute__((vector_size(32)));
 typedef struct {
