@@ -171,7 +171,7 @@ EARLY = [
     (vi.models.free_rigid_body, 8, 17.893949715776007 / 56),
     # they shrink slowly, and now and then not at all
     (vi.models.spring_pendulum, 7, 1.3939783050212828),
-    # they shrink by sixteen digits at once: forces that are infinite have thrown all bodies far apart
+    # they shrink by sixteen digits at once: infinite forces have thrown all bodies far apart
     (vi.models.lennard_jones, 8, 0.319),
     (vi.models.lennard_jones, 4, 0.432),
     (vi.models.lennard_jones, 8, 0.509),

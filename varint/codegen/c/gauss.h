@@ -87,6 +87,7 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define IDLE 4   /* looks that find no change half as large as the best: larger ones may be round-off of what cancels */
 #define LONG_IDLE 16 /* where they are much larger: slow contraction, too, now and then takes a few looks without one */
+#define NOISE 1e-10 /* of a row: what is larger is none (RESIDUAL_LIMIT of varint/discrete/tolerances.py) */
 #define DRIFTS 3 /* changes since then that add up to so many: no round-off, which goes to and fro, but slow contraction */
 #define SMALL_WORK 1e-9 /* of a change that no longer shrinks, beside the action of the step: round-off of large momenta */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
@@ -441,7 +442,7 @@ INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level,
         done |= now * now <= level * (before < 1 ? before : 1);
         const int stuck = !done && !(now < 0.5 * before) && stagnates(s, fresh, c, level); /* says itself what is left */
         if (done | stuck) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0;
-        if (done) c->left = now * c->rate;
+        if (done) c->left = now < before ? now * (now / before) : now;
         done |= stuck;
     }
     c->now = now;

@@ -52,7 +52,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size);
         double left = now / (size + 1e-300);
         if (!settled && !LEGENDRE_ITERATIONS && c->idle[r] >= IDLE) { /* neither shrinks nor goes on in one direction */
-            const int by_size = now <= (c->idle[r] >= LONG_IDLE ? 1e-9 : 1e-12) * size, by_most = now <= 1e-13 * most;
+            const int by_size = now <= (c->idle[r] >= LONG_IDLE ? NOISE : 1e-12) * size, by_most = now <= 1e-13 * most;
             settled = by_size || by_most || is_unseen(s, fresh, r);
             if (settled) left = by_most ? now / most : by_size ? left : EPS;
             if (settled && largest(change_of(fresh[r], c->from[r])) > DRIFTS * now) {

@@ -12,8 +12,9 @@
 #endif
 #define EPS 0x1p-53
 #define LEVEL 0x1p-56
-#define IDLE 4.0
+#define IDLE 4.0 /* these as in gauss.h */
 #define LONG_IDLE 16.0
+#define NOISE 1e-10
 #define DRIFTS 3.0
 
 typedef V Unknowns[STAGES][ROWS];
@@ -109,7 +110,7 @@ static __attribute__((noinline)) I settled(const Unknowns fresh, const Unknowns 
                 c->from[i][r] = choose(better, fresh[i][r], c->from[i][r]);
                 moved = v_fmax(moved, v_fabs(fresh[i][r] - c->from[i][r]));
             }
-            const V part = choose(c->idle[r] >= LONG_IDLE, splat(1e-9), splat(1e-12));
+            const V part = choose(c->idle[r] >= LONG_IDLE, splat(NOISE), splat(1e-12));
             const I near = (change[r] <= EPS * size) | (change[r] <= LEVEL * size) | ((c->idle[r] >= 1.0) & (change[r] <= 0x1p-44 * size));
             const I idle = ~near & (c->idle[r] >= IDLE) & ((change[r] <= part * size) | (change[r] <= 1e-13 * most));
             const I drifts = stuck & idle & (moved > DRIFTS * change[r]), shrinks = stuck & idle & (change[r] < c->best[r]);
