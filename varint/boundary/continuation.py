@@ -18,8 +18,7 @@ from varint.boundary.newton import (
     newton,
     path_solver,
 )
-from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
-from varint.nlp.arrangement import Scales
+from varint.boundary.stationary import BoundaryValueProblem
 
 FAR = 1.0  # range of a coordinate: a path this far from the first one may be of another kind
 ASTRAY = 3.0  # times the extent of the first path: where Newton's method has jumped elsewhere
@@ -91,15 +90,12 @@ def _attempts(problem: BoundaryValueProblem, iterate: Iterate) -> Iterator[Newto
 
 
 def _minimum(problem: BoundaryValueProblem, iterate: Iterate) -> Iterate | None:
-    """The path of least action near a first path, in its own units of length and action."""
+    """The path of least action near a first path."""
     bounded = bounds_of_path(problem, [])
     layout = program_layout(problem, iterate.increments.shape[1], 0)
-    sizes = np.tile(coordinate_ranges(iterate.points), len(layout.points))
-    action = abs(momenta_and_action(problem, iterate)[1]) or 1.0
-    scales = Scales(sizes, 1 / action, np.ones(layout.rows))
     window = (iterate.duration, iterate.duration)
     minimum, outcome = least_action_near(
-        problem, layout, iterate, window, bounded, scales, {"ipopt": {"max_iter": MOST_MINIMISING}}
+        problem, layout, iterate, window, bounded, {"ipopt": {"max_iter": MOST_MINIMISING}}
     )
     return minimum if has_succeeded(outcome) else None
 

@@ -23,11 +23,12 @@ from varint.boundary.least_action_program import (
     least_action_program,
     program_layout,
 )
+from varint.boundary.least_action_scales import path_scales
 from varint.boundary.newton import coordinate_ranges
 from varint.boundary.result import trajectory_of
 from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
 from varint.errors import InputError, SolverError
-from varint.nlp.arrangement import Scales, natural_scales, plain_order
+from varint.nlp.arrangement import plain_order
 from varint.nlp.bounds import PathBounds, path_bounds
 from varint.nlp.kkt import activity
 from varint.nlp.options import WORDS
@@ -37,7 +38,7 @@ from varint.results.leaning import at_times
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import interpolatory_weights
 
-VIOLATION = 1e-8  # of a bound or row in its own unit: Ipopt was asked for less
+VIOLATION = 1e-8  # of a bound or row in units of the path: Ipopt was asked for less
 # of the largest multiplier: smaller ones are what the interior point method leaves everywhere
 TOUCH = 1e-6
 
@@ -151,16 +152,14 @@ def least_action_near(
     iterate: Iterate,
     window: tuple[float, float],
     bounded: PathBounds,
-    scales: Scales | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> tuple[Iterate, SolverResult]:
-    """Ipopt's path of least action, and how it came to it; in units of one without `scales`."""
+    """Ipopt's path of least action, and how it came to it; in units of the path `iterate`."""
     program = least_action_program(problem, layout, iterate, window, bounded)
     unknowns = [iterate.points.ravel(), np.full(len(layout.duration), iterate.duration)]
     start = np.clip(np.concatenate(unknowns), program.x_low, program.x_high)
-    solve = build_solver(
-        program, "ipopt", options, scales or natural_scales(program), plain_order(program)
-    )
+    scales = path_scales(problem, layout, iterate, program, start)
+    solve = build_solver(program, "ipopt", options, scales, plain_order(program))
     outcome = solve(start)
     return _iterate_of(problem, layout, iterate, outcome), outcome
 
@@ -175,14 +174,16 @@ def _check_ends_within(
 ) -> None:
     """The given ends lie within the bounds; those that depend on time are left to Ipopt."""
     s = problem.system
-    values = ca.Function("values", [s.q, s.t, s.c], [bounded.at_points])
+    slopes = ca.densify(ca.jacobian(bounded.at_points, s.q))
+    values = ca.Function("values", [s.q, s.t, s.c], [bounded.at_points, slopes])
     for name, q in zip(("q_start", "q_end"), ends, strict=True):
         outside = [str(s.q[i]) for i in np.flatnonzero((q < bounded.q[0]) | (q > bounded.q[1]))]
         if not ca.depends_on(bounded.at_points, s.t) and bounded.at_points.numel():
-            x = np.array(values(q, problem.t0, problem.c)).ravel()
-            off = np.flatnonzero(
-                (x < bounded.points_low - VIOLATION) | (x > bounded.points_high + VIOLATION)
-            )
+            x, slope = (np.array(part) for part in values(q, problem.t0, problem.c))
+            x = x.ravel()
+            allowed = VIOLATION * np.maximum(np.abs(x), np.abs(slope) @ np.abs(q))
+            low, high = bounded.points_low - allowed, bounded.points_high + allowed
+            off = np.flatnonzero((x < low) | (x > high))
             outside += [str(bounded.at_points[int(i)]) for i in off]
         if outside:
             raise InputError(
