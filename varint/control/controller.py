@@ -29,6 +29,7 @@ from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import vector
 from varint.scene.parameters import ParameterValues
+from varint.scene.travel import itself, stays
 
 PRICE = 1e3  # of a violation of size one, in units of the cost: above usual multipliers
 SEEN = 1e-7  # a bound violated by less is kept
@@ -60,6 +61,9 @@ class Controller:
     solver: Solver
     start: np.ndarray
     options: Mapping[str, Any] | None = None
+
+    __reduce__ = stays("a controller")
+    __copy__ = __deepcopy__ = itself
 
     def __call__(
         self,

@@ -23,6 +23,7 @@ from varint.errors import InputError
 from varint.nlp.solver import Solver, SolverResult, choose_backend
 from varint.results.trajectory import Trajectory
 from varint.scene.parameters import ParameterValues
+from varint.scene.travel import itself, stays
 
 SOLVES = 100  # of a prepared problem, about: what compiling its kernels is weighed against
 
@@ -45,6 +46,9 @@ class Prepared:
     solver: Solver
     guess: Sequence[Trajectory] | None = None
     several: bool = False
+
+    __reduce__ = stays("a prepared problem")
+    __copy__ = __deepcopy__ = itself
 
     def __repr__(self) -> str:
         phases = (part.phase for part in self.problem.phases)

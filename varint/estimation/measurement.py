@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from varint.errors import InputError
 from varint.scene.free import Free
 from varint.scene.inputs import finite_array, times_of
+from varint.scene.travel import as_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,17 @@ class Measurement:
         given = (("t", t), ("values", values), ("sigma", spread), ("jitter", jitter))
         for name, x in given:
             object.__setattr__(self, name, x)
+
+    def __reduce__(self) -> tuple[type[Measurement], tuple[Any, ...]]:
+        """To another process its expression goes with symbols of the same names."""
+        return Measurement, as_fields(self)
+
+    def __copy__(self) -> Measurement:
+        return replace(self)
+
+    def __deepcopy__(self, memo: Any) -> Measurement:
+        """With arrays of its own, of the same symbols."""
+        return replace(self)
 
     def _noise(self) -> tuple[Any, Any]:
         """σ and the jitter; an unknown σ is a jitter beside none."""

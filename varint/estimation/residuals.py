@@ -4,6 +4,7 @@ discrete motion.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import call
 from varint.rules.polynomials import lagrange_values
 from varint.scene.system import System
+from varint.scene.travel import itself
 from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
 from varint.sensitivities.start import momentum_function, momentum_slopes
@@ -72,6 +74,12 @@ class Shooter:
     @property
     def scene(self) -> System:
         return self.problem.system
+
+    def __reduce__(self) -> tuple[Callable[..., Shooter], tuple[Estimation, str]]:
+        """To another process goes the problem, whose runs are built where it arrives."""
+        return shooter, (self.problem, self.backend)
+
+    __copy__ = __deepcopy__ = itself
 
 
 def shooter(problem: Estimation, backend: str) -> Shooter:

@@ -5,14 +5,18 @@ which rules keep it.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from varint.rules.rule import Rule
+from varint.scene.expressions import in_own_symbols
 from varint.scene.system import System
+from varint.scene.travel import as_fields, itself
 
 HIGHEST_DEGREE = 10  # in time, of a polynomial that a rule can still integrate exactly
 ROUNDING = 1e-13
@@ -58,6 +62,12 @@ class Symmetry:
 
     def __repr__(self) -> str:
         return f"Symmetry({self.name}: {self.generator})"
+
+    def __reduce__(self) -> tuple[Callable[..., Symmetry], tuple[Any, ...]]:
+        """To another process its expressions go, in the symbols of the system that arrives."""
+        return _symmetry_of, as_fields(self)
+
+    __copy__ = __deepcopy__ = itself
 
     @cached_property
     def quantity(self) -> ca.SX:
@@ -231,3 +241,10 @@ def is_gauss(rule: Rule) -> bool:
         and rule.degree == len(rule.nodes)
         and exactness(rule) == 2 * len(rule.nodes) - 1
     )
+
+
+def _symmetry_of(*given: Any) -> Symmetry:
+    """A symmetry that has travelled."""
+    there = Symmetry(*given)
+    names = "xi", "tau", "gauge"
+    return replace(there, **{x: in_own_symbols(getattr(there, x), there.system, x) for x in names})
