@@ -208,3 +208,39 @@ def test_a_film_plays_after_its_figure_was_closed_as_notebooks_do(swing):
     plt.close(film._fig)
     film._fig.set_canvas(FigureCanvasBase(film._fig))  # as newer Matplotlib leaves it
     assert played(film)[:3] == b"GIF"
+
+
+WRONG = {
+    "sketch": (["a", 3, {"bob": [0, 0]}], "sketch must be a varint.Sketch, got"),
+    "trace": ([-1, -1e-9, -np.inf], "trace is a length in time, not negative|must be finite"),
+    "trace ": (["a", np.nan, [1, 2]], "trace must be"),
+    "fps": (["a", None, np.nan, -1, 0], "fps must be"),
+    "path": ([3, ["a.gif"]], "path must be the name of a file, got"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_no_argument_of_a_film_is_refused_in_words(swing, name):
+    model, motion = swing
+    for given in WRONG[name][0]:
+        with pytest.raises(vi.InputError, match=WRONG[name][1]):
+            motion.animate(**{"sketch": vi.models.sketch(model), name.strip(): given})
+
+
+def test_traces_of_no_length_and_without_an_end_are_drawn(swing):
+    model, motion = swing
+    lengths = {}
+    for trace in (0.0, 0.5, np.inf, None):
+        film = motion.animate(sketch=vi.models.sketch(model), trace=trace)
+        film._func(40)
+        lengths[trace] = max(len(x.get_xdata()) for x in plt.gcf().axes[0].lines)
+        plt.close("all")
+    assert lengths[0.0] <= 2 < lengths[0.5] < lengths[None] == lengths[np.inf]
+
+
+def test_parts_of_a_sketch_that_are_no_lists_are_refused_in_words():
+    for part in (dict(rods=3), dict(traces=3), dict(marks=3), dict(rods=[3])):
+        with pytest.raises(vi.InputError, match=r"by their names; got rods="):
+            vi.Sketch({"a": [0, 0]}, **part)
+    with pytest.raises(vi.InputError, match="at least one point"):
+        vi.Sketch(3)

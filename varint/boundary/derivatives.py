@@ -22,6 +22,7 @@ from varint.errors import InputError
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import step_controls
 from varint.results.records import require_motion
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
@@ -116,6 +117,7 @@ def action_derivatives(path: Trajectory) -> ActionDerivatives:
 
 def _restate(path: Trajectory) -> tuple[BoundaryValueProblem, Iterate]:
     """The boundary value problem between fixed ends that the trajectory solves."""
+    require_trajectory(path)
     system, steps = path.system, len(path) - 1
     if system.structure.constraints or system.structure.nonholonomic or system.structure.contacts:
         raise InputError(

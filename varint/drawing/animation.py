@@ -12,7 +12,7 @@ import numpy as np
 
 from varint.drawing.sketch import Sketch, cartesian
 from varint.drawing.style import COLOURS, handed_over
-from varint.errors import InputError
+from varint.errors import InputError, parsed_or_refused
 from varint.numerics.progress import progress_bar
 from varint.scene.inputs import number
 
@@ -44,9 +44,12 @@ def trajectory_animation(
     """Animation of a trajectory; see `Trajectory.animate`."""
     import matplotlib.pyplot as plt
 
-    target = None if path is None else Path(path)
+    target = film_target(path)
     writer, seconds = film_writer(target, fps)
     times = frame_times(motion, speed, seconds)
+    if not isinstance(sketch, Sketch | None):
+        raise InputError(f"sketch must be a varint.Sketch, got {sketch!r}")
+    _check_trace(trace)
     sketch = sketch or cartesian(motion.system.names, motion.system.q)
     if sketch is None:
         raise InputError(
@@ -223,14 +226,32 @@ def places(motion: Trajectory, sketch: Sketch) -> dict[str, np.ndarray]:
 
 def film_interval(path: Any, fps: float) -> float:
     """Seconds between the pictures of a film, which its kind of file keeps."""
-    return film_writer(None if path is None else Path(path), fps)[1]
+    return film_writer(film_target(path), fps)[1]
+
+
+def film_target(path: Any) -> Path | None:
+    """Where a film is to be written; None where it is only shown."""
+    return (
+        None
+        if path is None
+        else parsed_or_refused(
+            lambda: Path(path), lambda: f"path must be the name of a file, got {path!r}"
+        )
+    )
+
+
+def _check_trace(trace: Any) -> None:
+    """Refuse what is no length of traces in time; infinity is all of the past."""
+    endless = trace is None or (isinstance(trace, float) and trace == np.inf)
+    if not endless and not number("trace", trace) >= 0:
+        raise InputError(f"trace is a length in time, not negative, got {trace!r}")
 
 
 def film_writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, float]:
     """Writer for the file's kind, none for GIF files, and the time between frames that it keeps."""
     from matplotlib import animation
 
-    if not (np.isfinite(fps) and fps > 0):
+    if not number("fps", fps) > 0:
         raise InputError(f"fps must be a positive number, got {fps!r}")
     if path is None:
         return None, 1 / fps

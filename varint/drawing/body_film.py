@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from varint.drawing.animation import DPI, film_of, film_writer, framed
+from varint.drawing.animation import DPI, film_of, film_target, film_writer, framed
 from varint.drawing.style import COLOURS
 from varint.drawing.surfaces import MovingBody, box_corners, outward_normals
 
@@ -48,7 +47,7 @@ def body_film(
     import matplotlib.pyplot as plt
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    target = None if path is None else Path(path)
+    target = film_target(path)
     writer, seconds = film_writer(target, fps)
     fig = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")
     axes: Any = fig.add_subplot(projection="3d")

@@ -53,7 +53,7 @@ class Sketch:
     marks: Any = None
 
     def __post_init__(self) -> None:
-        if not self.points:
+        if not isinstance(self.points, Mapping) or not self.points:
             raise InputError('a sketch needs at least one point, such as {"bob": ca.vertcat(x, y)}')
         points = {
             name: ca.vec(ca.SX(ca.vertcat(*_entries(name, where))))
@@ -62,8 +62,18 @@ class Sketch:
         sizes = {name: point.numel() for name, point in points.items()}
         if set(sizes.values()) not in ({2}, {3}):
             raise InputError(f"points must all have 2 coordinates or all have 3, got {sizes}")
-        marks = tuple(points) if self.marks is None else tuple(self.marks)
-        named = {name for rod in self.rods for name in rod} | set(self.traces) | set(marks)
+        rods, traces, marks = parsed_or_refused(
+            lambda: (
+                tuple(map(tuple, self.rods)),
+                tuple(self.traces),
+                tuple(points) if self.marks is None else tuple(self.marks),
+            ),
+            lambda: (
+                f"rods are pairs of points, traces and marks are points, all by their names; got "
+                f"rods={self.rods!r}, traces={self.traces!r}, marks={self.marks!r}"
+            ),
+        )
+        named = {name for rod in rods for name in rod} | set(traces) | set(marks)
         if named - set(points):
             raise InputError(
                 f"rods, traces and marks name unknown points {sorted(named - set(points))}; known: "
@@ -71,8 +81,8 @@ class Sketch:
             )
         for name, value in (
             ("points", MappingProxyType(points)),
-            ("rods", tuple(map(tuple, self.rods))),
-            ("traces", tuple(self.traces)),
+            ("rods", rods),
+            ("traces", traces),
             ("marks", marks),
         ):
             object.__setattr__(self, name, value)

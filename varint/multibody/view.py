@@ -19,6 +19,7 @@ from varint.multibody.mesh import can_read, surface
 from varint.multibody.model import Model
 from varint.multibody.rotations import frame_along
 from varint.multibody.shapes import GREY, Shape
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def animate(
     >>> motion = vi.simulate(world.system(), q0=[1.0], v0=[0.0], h=0.02, steps=5)
     >>> film = mb.animate(world, motion, traces=["tip"])
     """
+    require_trajectory(motion)
     times = frame_times(motion, speed, film_interval(path, fps))
     bodies, axes, ways, size = _scene(model, motion, times, frames, traces)
     return body_film(bodies, axes, ways, times, arm=ARM * size, fps=fps, path=path)
@@ -109,6 +111,7 @@ def page(
     InputError
         If plotly is not installed, the name does not end in .html, or as in `animate`.
     """
+    require_trajectory(motion)
     times = frame_times(motion, speed, 1 / fps if fps > 0 else 0.04)
     bodies, axes, ways, size = _scene(model, motion, times, frames, traces)
     write_body_page(bodies, axes, ways, times, arm=ARM * size, fps=fps, path=path, title=title)

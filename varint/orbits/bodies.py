@@ -9,6 +9,7 @@ import numpy as np
 
 from varint.drawing.sketch import cartesian
 from varint.errors import InputError, parsed_or_refused
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 
@@ -60,8 +61,7 @@ def bodies_of(motion: Trajectory, masses: Any, G: Any) -> Bodies:
     InputError
         If they are not known, or there are fewer than two bodies.
     """
-    if not isinstance(motion, Trajectory):
-        raise InputError(f"a motion from simulate() is wanted, got {type(motion).__name__}")
+    require_trajectory(motion)
     places = body_places(motion.system)
     if len(places) < 2:
         raise InputError("elements are of two bodies and more; the scene has one")

@@ -14,6 +14,7 @@ from varint.integration.backend import kernel_for
 from varint.integration.problem import InitialValueProblem
 from varint.numerics.progress import progress_bar
 from varint.orbits.tangent_lift import tangent_lift
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 from varint.sensitivities.loops import sweeper
@@ -70,11 +71,7 @@ def scene_to_vary(motion: Trajectory) -> System:
     InputError
         If the run has no tangent map of this kind.
     """
-    if not isinstance(motion, Trajectory):
-        raise InputError(
-            f"a motion from simulate() is wanted, got {type(motion).__name__}; of an ensemble take "
-            "one member, runs[i]"
-        )
+    require_trajectory(motion)
     scene = scene_of(motion)
     if scene.structure.nonholonomic:
         raise InputError(

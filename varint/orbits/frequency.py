@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
 from varint.orbits.files import save
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import positive_integer
 
@@ -111,8 +112,7 @@ def frequencies(motion: Trajectory, signal: Any, count: int = 5, *, window: int 
 
 def signal_values(motion: Trajectory, signal: Any) -> np.ndarray:
     """A signal along a motion, complex for a pair."""
-    if not isinstance(motion, Trajectory):
-        raise InputError(f"a motion from simulate() is wanted, got {type(motion).__name__}")
+    require_trajectory(motion)
     pair = signal if isinstance(signal, (tuple, list)) else (signal,)
     if len(pair) not in (1, 2) or not all(isinstance(x, ca.SX) and x.numel() == 1 for x in pair):
         raise InputError(

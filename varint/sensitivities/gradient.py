@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.codegen.rows import at_many_points
 from varint.errors import InputError
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import finite_array
@@ -156,6 +157,7 @@ def gradient(
     >>> [round(float(x), 12) for x in (of.q0[0], of.v0[0], of.params["g"], of.duration)]
     [1.0, 1.0, -0.5, -6.81]
     """
+    require_trajectory(motion)
     system, c = motion.system, motion.c
     if held not in ("v0", "p0"):
         raise InputError(f"held must be 'v0' or 'p0', what stays at the start, got {held!r}")

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, parsed_or_refused
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import check_memory
+from varint.results.require import require_trajectory
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.parameters import values_by_name
@@ -207,6 +208,7 @@ def _node(motion: Trajectory, name: str, k: Any) -> int:
 
 def asked_directions(motion: Trajectory, wrt: Sequence[Any]) -> Asked:
     """The columns of what a run is to be varied by."""
+    require_trajectory(motion)
     names = _names(motion.system, wrt)
     n, c, system = motion.q.shape[1], len(motion.c), motion.system
     contacts, places = system.structure.contacts, parameters_by_name(system, np.arange(c))
@@ -263,7 +265,10 @@ def _vary_time(motion: Trajectory, name: str, outer: np.ndarray) -> None:
 
 def _names(system: System, wrt: Sequence[Any]) -> list[str]:
     """What is asked for by name, each once."""
-    given = [wrt] if isinstance(wrt, (str, ca.SX)) else list(() if wrt is None else wrt)
+    given = parsed_or_refused(
+        lambda: [wrt] if isinstance(wrt, (str, ca.SX)) else list(() if wrt is None else wrt),
+        lambda: f"wrt must be a list of names or symbols, got {wrt!r}",
+    )
     names = [next(iter(values_by_name([(x, None)]))) for x in given]
     own = ["u"] * bool(system.structure.controls)
     own += [RESTITUTION] * bool(system.structure.contacts and RESTITUTION not in system.defaults)
