@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from varint.numerics.archive import read_archive
 from varint.numerics.plain import field_of, record_of
 from varint.orbits.files import FORMAT as ORBITS
 from varint.results.leaning import at_times
+from varint.results.records import own_action, with_own_action
 from varint.results.save import CONTROL, FORMAT, as_path, file_path
 from varint.results.trajectory import Trajectory
 from varint.scene.serialisation import UNTRUSTED, revive
@@ -98,9 +98,13 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
         _check_control(motion, solution)
         return replace(motion, solution=solution)
     if "bounds" in header:
-        path = partial(replace, solution=_bounds(motion, header["bounds"]), dense_output=at_times)
-        whole = None if motion.whole is None else path(motion.whole)
-        return path(motion, whole=whole)
+        bounds = _bounds(motion, header["bounds"])
+
+        def path(part: Trajectory, **more: Any) -> Trajectory:
+            changed = replace(part, solution=bounds, dense_output=at_times, **more)
+            return with_own_action(changed, own_action(part))
+
+        return path(motion, whole=None if motion.whole is None else path(motion.whole))
     return motion
 
 

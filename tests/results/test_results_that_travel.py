@@ -124,3 +124,59 @@ def test_solvers_that_are_built_stay_where_they_are_and_say_so():
         with pytest.raises(vi.InputError, match=f"{what} holds a solver.*build it anew"):
             pickle.dumps(made)
         assert copy.copy(made) is made and copy.deepcopy(made) is made
+
+
+def orbiting() -> vi.Trajectory:
+    """Round a centre of attraction as its guess does, by steps of different sizes."""
+    q, v = vi.coordinates("x", "y")
+    kepler = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    ends = dict(q_start=[1, 0], q_end=[-1, 0.1], guess=[[1, 0], [0, 1.2], [-1, 0.1]])
+    return vi.least_action(kepler, duration=3.0, tol=1e-9, **ends)
+
+
+def past_a_disc(radius: float) -> vi.Trajectory:
+    """From (−1, 0.5) to (1, 0.5), which leans on the disc where its radius is above 0.5."""
+    q, v = vi.coordinates("x", "y")
+    scene = vi.System(q, v, ca.sumsqr(v) / 2 - ca.cos(q[0]) / 9)
+    ends = dict(q_start=[-1, 0.5], q_end=[1, 0.5], duration=2.0, steps=10)
+    bounds = [(radius**2, ca.sumsqr(q), None)]
+    return vi.least_action(scene, vi.gauss(2), bounds=bounds, **ends)
+
+
+def shortest() -> vi.Trajectory:
+    """The brachistochrone, whose momenta hardly tell velocities."""
+    model = vi.models.brachistochrone(1.0, 1.0, 9.81)
+    s, deep = np.linspace(0, 1, 30)[:, None], np.sqrt(2.0)
+    given = dict(guess=np.hstack([s, deep * np.sqrt(s)]), duration=vi.free(0.6, 0.01, 100.0))
+    ends = dict(q_start=[0, 0], q_end=[1.0, deep], steps=10)
+    return vi.least_action(model.system, vi.gauss(4), **ends, **given)
+
+
+PATHS = {
+    "round": orbiting,
+    "leaning": lambda: past_a_disc(0.7),
+    "clear": lambda: past_a_disc(0.3),
+    "shortest": shortest,
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_the_action_of_a_path_stays_the_same_number_wherever_it_goes(name, copied, tmp_path):
+    path = PATHS[name]()
+    path.save(tmp_path / "a.npz")
+    loaded = vi.load(tmp_path / "a.npz")
+    loaded.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    for there in (copied(path), loaded, copied(loaded), copied(copied(path))):
+        assert there.action == path.action
+    moving = vi.simulate(path.system, q0=path.q[0] + 0.1, v0=path.v[3], h=0.01, steps=4)
+    assert "own_action" not in copied(moving).__dict__
+
+
+@pytest.mark.parametrize("name", ["round", "leaning", "clear"])
+def test_parts_of_a_path_that_has_travelled_have_actions_of_their_own(name, copied):
+    path = PATHS[name]()
+    for there in (path, copied(path)):
+        halves = there[:5].action + there[4:].action
+        assert halves == pytest.approx(path.action, rel=1e-12)
+        assert abs(there[:5].action - path.action) > 0.1 * abs(path.action)

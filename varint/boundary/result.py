@@ -17,6 +17,7 @@ from varint.discrete.constraints import tangent_function
 from varint.discrete.lagrangian import constraint_function
 from varint.integration.many_steps import steps_again
 from varint.numerics.arrays import over_columns
+from varint.results.records import with_own_action
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -76,8 +77,7 @@ def trajectory_of(
     )
     # the sum over the path itself: stepping from node to node again would know nothing of bounds,
     # and where momentum hardly depends on velocity it would lose digits that the path has
-    path.__dict__["action"] = action
-    return path
+    return with_own_action(path, action)
 
 
 def along_path(

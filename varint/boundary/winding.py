@@ -13,6 +13,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.integration.error_scale import bodies
+from varint.results.records import own_action, with_own_action
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -54,8 +55,7 @@ def with_winding(path: Trajectory, rounds: Sequence[Round]) -> Trajectory:
         for one in rounds
     }
     wound = replace(path, stats=MappingProxyType({**path.stats, "winding": winding}))
-    wound.__dict__["action"] = path.action  # of the path itself, see `trajectory_of`
-    return wound
+    return with_own_action(wound, own_action(path))
 
 
 def _turns(places: np.ndarray) -> int:
@@ -93,8 +93,7 @@ def with_ways_compared(path: Trajectory, guess: np.ndarray) -> Trajectory:
     own, wanted = ({names: both[i] for names, both in found.items()} for i in range(2))
     stats = {**path.stats, "winding": own, "winding_of_guess": wanted}
     told = replace(path, stats=MappingProxyType(stats))
-    told.__dict__["action"] = path.action  # of the path itself, see `trajectory_of`
-    return told
+    return with_own_action(told, own_action(path))
 
 
 def goes_as(system: System, nodes: np.ndarray, guess: np.ndarray) -> bool:

@@ -15,7 +15,7 @@ from varint.integration.switches.within_rows import dense_output_of
 from varint.integration.time_transformation.physical_time import at_times
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite
-from varint.results.records import Event
+from varint.results.records import OWN_ACTION, Event, with_own_action
 from varint.results.save import ARRAYS, BY_HAND, INNER, OPTIONAL, SWITCHES, WHOLE
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -91,7 +91,7 @@ def _assembled(
     )
     if v is not None:
         motion.__dict__["v"] = v
-    return motion
+    return with_own_action(motion, field_of(header, OWN_ACTION, float | None))
 
 
 def _check_active_sets(system: System, active_sets: tuple[ActiveSet, ...]) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -72,6 +73,38 @@ def leans(motion: Any) -> bool:
     steps from its nodes lead elsewhere.
     """
     return bool(np.any(getattr(motion.solution, "touches", False)))
+
+
+OWN_ACTION = "own_action"
+
+
+def with_own_action(motion: Any, action: float | None) -> Any:
+    """The motion with the action that was found with it, which goes into copies and files, but not
+    to parts of it; with none as it is.
+    """
+    if action is not None:
+        motion.__dict__.update({"action": action, OWN_ACTION: action})
+    return motion
+
+
+def own_action(motion: Any) -> float | None:
+    """The action that was found with a motion, of a path as a whole; None where it is a sum over
+    its steps.
+    """
+    return motion.__dict__.get(OWN_ACTION)
+
+
+def state_of(motion: Any) -> dict[str, Any]:
+    """What of a trajectory goes into a copy, plain enough to be pickled."""
+    state = {f.name: getattr(motion, f.name) for f in fields(motion)}
+    return state | {"stats": dict(motion.stats), OWN_ACTION: own_action(motion)}
+
+
+def arrive(motion: Any, state: dict[str, Any]) -> None:
+    """Fill a copy with what `state_of` made."""
+    fields_of = {name: x for name, x in state.items() if name != OWN_ACTION}
+    motion.__dict__.update(fields_of, stats=MappingProxyType(state["stats"]))
+    with_own_action(motion, state.get(OWN_ACTION))
 
 
 def checked_index(index: Any, count: int) -> Any:

@@ -13,6 +13,7 @@ from varint.errors import InputError, VarintError, parsed_or_refused
 from varint.numerics.archive import write_archive
 from varint.numerics.files import VERSION, write_atomically
 from varint.numerics.plain import plain
+from varint.results.records import OWN_ACTION, own_action
 from varint.results.trajectory import Trajectory
 from varint.scene.serialisation import describe
 
@@ -80,6 +81,8 @@ def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
             if k == "plan" or isinstance(v, (str, int, float, np.number))
         },
     }
+    if (action := own_action(trajectory)) is not None:
+        header[OWN_ACTION] = action
     names = {name: name for name in ARRAYS} | OPTIONAL
     held = {stored: getattr(trajectory, name) for stored, name in names.items()}
     return header, {name: value for name, value in held.items() if value is not None}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -21,11 +21,13 @@ from varint.results.records import (
     Costates,
     State,
     StepsAgain,
+    arrive,
     changed,
     checked_index,
     leans,
     made_at_first_look,
     require_motion,
+    state_of,
     whole_of,
 )
 from varint.rules.rule import Rule
@@ -143,12 +145,11 @@ class Trajectory:
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process or into a copy: the fields, not what follows from
-        them.
+        them; and an action that was found with the path.
         """
-        return {f.name: getattr(self, f.name) for f in fields(self)} | {"stats": dict(self.stats)}
+        return state_of(self)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state | {"stats": MappingProxyType(state["stats"])})
+    __setstate__ = arrive
 
     def __getitem__(self, index: int | slice | np.ndarray | list | str) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those
