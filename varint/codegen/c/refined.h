@@ -36,7 +36,8 @@ typedef struct {
 } Refined;
 
 typedef struct {
-    double *rows, *own, *u, *seen, iterations, residual; /* u: controls at the stages of its steps; seen: what the stages of each step show; 0: that is not looked at */
+    double *rows, *own, *u, *seen; /* u: controls at the stages of its steps; seen: what these show, 0: that is not looked at */
+    double iterations, residual;
     int64_t steps; /* of the whole duration */
     Ended ended;   /* of those that were made */
     int lost, looks;
