@@ -112,6 +112,45 @@ def test_a_stiff_step_takes_few_evaluations():
         assert run.iterations < 15 * 300
 
 
+# a part of h, and evaluations of a fresh step: sixty do not do, or hardly, which a few show
+SLOW = {
+    "velocities and forces": (0.3, 40),
+    "accelerations, by speeds": (0.5, 35),
+    "accelerations": (0.8, 30),
+}
+
+
+@pytest.mark.parametrize("which", SLOW)
+def test_a_fresh_step_that_contracts_too_slowly_goes_on_with_slopes(which):
+    """All sixty evaluations were made, and others after them: 57, 57 and 50 in all."""
+    make, stages, *start, h = STIFF[which]
+    system, rule, (part, most) = make(), vi.gauss(stages), SLOW[which]
+    one, other, by_newton = (
+        simulated(kernel(system, rule), *start, part * h, 1, system)
+        for kernel in (native_gauss, gauss_kernel, newton_kernel)
+    )
+    assert one.status == DONE
+    assert one.iterations < most
+    assert one.rows.tobytes() == other.rows.tobytes()
+    assert one.iterations == other.iterations
+    assert np.abs(one.rows - by_newton.rows).max() < 1e-13 * np.abs(by_newton.rows).max()
+
+
+def test_slopes_do_not_lead_to_another_solution_of_long_steps():
+    """The equations of a step that is too long have several; a growing force and a potential that
+    falls off let them lie near. Slopes from unknowns that were still far off led to another one.
+    """
+    q, v = vi.coordinates("x", "s")
+    lagrangian = ca.sumsqr(v) / 2 + (q[1] - 1) * q[0] ** 2 / 2 - q[0] ** 4 / 4
+    force = ca.vertcat(1e-6 - 0.8 * v[0], 0.391 - 5 * v[1])
+    system = vi.System(q, v, lagrangian, force=force)
+    start = dict(q0=[-0.14, 0.444], v0=[0.0, 0.0])
+    exact = vi.simulate(system, vi.gauss(8), **start, h=150.0 / 6000, steps=6000)
+    for steps in (48, 96, 384):
+        motion = vi.simulate(system, vi.gauss(8), **start, h=150.0 / steps, steps=steps)
+        assert np.abs(motion.q[-1] / exact.q[-1] - 1).max() < 1e-8
+
+
 def test_an_arm_that_is_held_stiffly_takes_no_more_steps_than_its_first_moments_ask_for():
     """Thousands were needed for the iteration to contract, hundreds resolve the transient."""
     for tol, most in ((1e-3, 600), (1e-6, 800)):

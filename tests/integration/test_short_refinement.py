@@ -146,7 +146,7 @@ def test_the_core_decides_as_python_does(name, duration, tol):
     one = by_short_trials(scene, rule, problem, mass, tol, (radians, radians), "auto", 0.0)
     other = by_short_refinement(scene, rule, problem, tol, radians, None, "auto")
     if other is None:
-        assert one == NOT_PROVED
+        assert one in (NOT_PROVED, NOT_SHORT)  # what is longer than it may be is left to Python
         return
     assert (one.steps, one.runs, one.reached) == (other.steps, other.runs, other.reached)
     assert one.estimate == pytest.approx(other.estimate, rel=1e-9)

@@ -16,6 +16,7 @@ from varint.integration.shown_by_stages import (
     Shown,
     left_by_stages,
     made_by_stages,
+    planned_by_stages,
     ratio_to,
     shown_by,
 )
@@ -172,3 +173,27 @@ def test_two_runs_prove_what_took_three():
     exact = vi.simulate(scene, **start, duration=6.0, tol=1e-13, progress=False)
     assert found.stats["runs"] == 2
     assert np.abs(found.q[-1] - exact.q[-1]).max() <= found.stats["error_estimate"] <= 1e-9
+
+
+def test_a_run_that_does_not_resolve_the_motion_is_followed_by_one_whose_successor_may_prove_it():
+    """Steps so many times as many as square 1.5, or more: the second run has twice as many."""
+    for size, tol, ratio in (
+        (0.1, 1e-3, 1.5),
+        (0.1, 1e-9, 2.0),
+        (1.0, 1e-3, 1.5),
+        (1.0, 1e-6, 2.0),
+    ):
+        d = np.append(size, np.full(15, 1e-6))
+        planned, _, tells = planned_by_stages(Shown(16, d), tol, 16)
+        assert planned == ratio
+        assert tells
+
+
+def test_no_first_run_over_forces_has_fewer_than_eight_steps():
+    """One of fewer steps takes as long: they are iterated longer, and some of them in vain."""
+    q, v = vi.coordinates("x", "y")
+    scene = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], force=-0.1 * ca.norm_2(v) * v)
+    motion = vi.simulate(scene, q0=[0, 0], v0=[3.0, 4.0], duration=1.0, tol=1e-3)
+    assert motion.stats["steps"] >= 12
+    closer = vi.simulate(scene, q0=[0, 0], v0=[3.0, 4.0], duration=1.0, tol=1e-12)
+    assert np.abs(motion.q[-1] - closer.q[-1]).max() < 1e-8

@@ -38,6 +38,7 @@ from varint.integration.round_off import (
     with_other_times,
 )
 from varint.integration.rule_choice import (
+    FEWEST,
     ROUGH,
     Priced,
     first_steps,
@@ -279,12 +280,13 @@ def by_short_refinement(
 
 def refined_first(system: System, rule: Priced, radians: float, tol: float) -> int:
     """Steps of the first run: those of a small oscillation, which is all that a linear scene has,
-    and whose steps are solved for however long they are.
+    and whose steps are solved for however long they are. Others have some at least: a run of fewer
+    takes as long, because these are iterated longer.
     """
     if system.structure.linear and rule.rule.points:
         turned = max(radians, 1.0)
         return math.ceil(turned * (turned * rule.error / ROUGH) ** rule.root)
-    return first_steps(rule, radians, tol * 2.0 ** (CAUTION / rule.root))
+    return max(first_steps(rule, radians, tol * 2.0 ** (CAUTION / rule.root)), FEWEST)
 
 
 def _left(apart: float, ratio: float, order: float, best: int) -> float:

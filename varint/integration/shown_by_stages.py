@@ -107,8 +107,7 @@ def least_by_stages(before: Shown, now: Shown) -> float:
 
 def ratio_to(steps: int, error: float, wanted: float, order: int) -> float:
     """How many times as many steps prove an error, where runs of these err by so much."""
-    needed = (AIM * error / wanted) ** (1 / (COUNTED * order))
-    near, far = RATIOS
+    needed, (near, far) = _needed(error, wanted, order), RATIOS
     for ratio in (near, far, (far + LONGER) / 2, LONGER):
         more = steps * ratio
         if not (needed <= ratio or ratio == LONGER) or not more.is_integer():
@@ -123,7 +122,15 @@ def planned_by_stages(first: Shown, tol: float, order: int) -> tuple[float, floa
     leave less; whether stages are to tell its error, which two runs alone may not show.
     """
     made, uneven = made_by_stages(first.d)
-    unresolved = first.d.max() > UNRESOLVED
-    ratio = RATIOS[0] if unresolved else ratio_to(first.steps, made, tol, order)
-    tells = bool(ratio > RATIOS[0] or made > CLEARLY * tol)
+    near, far = RATIOS
+    if first.d.max() > UNRESOLVED:  # the run behind the second one may prove it
+        ratio = far if _needed(made, tol, order) > near**2 else near
+    else:
+        ratio = ratio_to(first.steps, made, tol, order)
+    tells = bool(ratio > near or made > CLEARLY * tol)
     return ratio, EXTRA * uneven if tells else 1.0, tells
+
+
+def _needed(error: float, wanted: float, order: int) -> float:
+    """How many times as many steps err by so much less that this is proved."""
+    return (AIM * error / wanted) ** (1 / (COUNTED * order))

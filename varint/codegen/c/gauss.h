@@ -81,6 +81,8 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define BEYOND 1e3 /* how far off nothing brings an iteration back: the start was too far off */
 #define GLANCE 4 /* iterations of a loose step between looks at that: sines of huge numbers take hundreds of nanoseconds */
+#define TELLING 7 /* looks at changes that tell how fast they shrink */
+#define AT_HAND 1e-2 /* changes of an iteration that is near its end: from farther off slopes may lead to another one */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
 #define LATELY 8 /* steps that count in a mean that fades */
 #define WORSE 1.3 /* times as many evaluations as lately: the other order is not tried to the end */
@@ -181,6 +183,7 @@ typedef struct {
     double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, off, best[MOST_ROWS];
     int checks, stalled, idle[MOST_ROWS];
     Unknowns from; /* each row where its best change was, or where it was last seen to go on and on */
+    int64_t most; /* evaluations that a step takes; 0: it is iterated with patience */
 } Change;
 
 struct Run;

@@ -35,12 +35,20 @@ APART int is_unseen(const Step *s, const Unknowns fresh, int r) {
     return !BY_DEFECT;
 }
 
+/* Whether an iteration is near its end, and not over after as many evaluations as a step may take if it contracts as it has so far;
+   what still changes is no round-off. */
+INLINE int is_too_slow(const Change *c, double now, double level, int64_t left) {
+    if (left < 0 || c->checks < TELLING || now <= NOISE || now > AT_HAND) return 0;
+    return now * pow(now / c->first, (double)left / c->checks) > level;
+}
+
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
    2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. What is
    left of a row is told by the size that it is judged by. */
 APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
     const V(*const x)[VECTORS] = s->x;
     int all = 1;
+    double worst = 0;
     c->left = 0;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
@@ -61,6 +69,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
             } else if (settled && now < c->best[r]) c->best[r] = now, settled = 0;
         }
         c->left = left > c->left ? left : c->left;
+        worst = now * c->inverse[r] > worst ? now * c->inverse[r] : worst;
         all &= settled;
     }
     if (BY_DEFECT && !LEGENDRE_ITERATIONS && !all && c->stalled > 1) {
@@ -72,6 +81,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
             double last = largest(change_of(fresh[r], x[r]));
             if (last > EPS * c->scale[r] && last > level * c->scale[r] && last > c->noise[r]) c->noise[r] = last;
         }
+    else if (IMPROVES && is_too_slow(c, worst, level, c->most - s->count)) c->off = INFINITY;
     return all;
 }
 
@@ -238,12 +248,13 @@ APART void set_scale_at_start(Run *r, int64_t k) {
 }
 
 /* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side, and then
-   with slopes. */
+   with slopes, or with these at once where it contracts, but too slowly. Where that fails, too, all is done with patience. */
 INLINE int solve(Run *r, int64_t k) {
     Change *const c = &r->change;
     const Step *const s = &r->now;
     set_base(&r->now, r->y, r->rest, r->t0 + r->h * (double)k, &r->at);
     const int begun = r->now.count > 0;
+    const int64_t known = r->known;
     Slopes *const slopes = &r->slopes;
     if (r->tried < 2 * TRIAL && !(slopes->left > 0)) {
         r->seidel = r->tried < TRIAL;
@@ -251,18 +262,30 @@ INLINE int solve(Run *r, int64_t k) {
     }
     if (!BY_DEFECT && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
     double lost = FAILED;
-    for (int tried[2] = {0};;) {
+    c->most = r->most;
+    for (int tried[2] = {0}, goes_on = 0;;) {
         const int improved = IMPROVES && slopes->left > 0;
         c->checks = 0, c->off = 0;
         if (!r->now.count && improved && r->known) begin_improved(r);
         if (improved && slopes->renew > 0) renew_slopes(r, k);
         if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
         const int end = improved ? iterated_with_slopes(r, k) : iterated(r, k, begun);
-        r->iterations += r->now.count - (improved && r->known); /* that one begins with no evaluation */
+        r->iterations += r->now.count - (improved && (r->known || goes_on)); /* that one begins with no evaluation */
         if (end) return 1;
         lost += (double)r->now.count;
+        goes_on = IMPROVES && !improved && c->checks >= TELLING && c->now <= AT_HAND;
+        if (goes_on) { /* slowly, but the right way: slopes go on from there */
+            r->now.count = 1, r->next.count = 0, tried[0] = !r->known;
+            begin_slopes(r, lost);
+            continue;
+        }
         if (!r->known) {
             tried[improved] = 1;
+            if (IMPROVES && tried[!improved] && c->most > 0) {
+                rest_from_slopes(r);
+                tried[0] = tried[1] = 0, c->most = 0, r->known = known, r->now.count = r->next.count = 0;
+                continue;
+            }
             if (!IMPROVES || tried[!improved]) return BY_DEFECT && !LEGENDRE_ITERATIONS && c->now <= WANDERS;
             if (improved) rest_from_slopes(r);
             else begin_slopes(r, lost);

@@ -128,7 +128,8 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     if (r->now.count + 1 >= r->expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
         if (!r->known && !(LEGENDRE_ITERATIONS && r->change.checks)) set_first_scale(r, fresh);
         end = settled(&r->now, fresh, &r->change, r->level, r->now.count == first_count);
-    } else if (r->known && r->level > LOOSE && r->now.count % GLANCE == 0) /* coarse ones: others may come back */
+    } else if (FORM == 1 && r->known && (r->level > LOOSE || r->expected > 2 * GLANCE) && r->now.count % GLANCE == 0)
+        /* coarse ones, and others that take many iterations: else what is off may come back */
         r->change.off = going_off(&r->now, fresh, &r->change);
     copy_unknowns(r->now.x, fresh);
     return end;

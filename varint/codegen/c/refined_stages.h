@@ -75,11 +75,15 @@ static double least_by_stages(const Refined *a, const Attempt *before, const Att
     return a->limits->least_made * (more < most ? more : most) * made_by_stages(a, now, &uneven);
 }
 
-/* How many times as many steps prove an error, where runs of these err by so much. */
+/* How many times as many steps err by so much less that this is proved. */
+static double needed_for(const Refined *a, double error, double wanted) {
+    return pow(a->limits->aim * error / wanted, 1 / (a->limits->counted * (double)a->order));
+}
+
+/* How many times as many steps a run has that proves an error, where runs of these err by so much. */
 static double ratio_to(const Refined *a, int64_t steps, double error, double wanted) {
     const Limits *const l = a->limits;
-    const double needed = pow(l->aim * error / wanted, 1 / (l->counted * (double)a->order)),
-                 some[] = {l->near, l->far, (l->far + l->longer) / 2, l->longer};
+    const double needed = needed_for(a, error, wanted), some[] = {l->near, l->far, (l->far + l->longer) / 2, l->longer};
     for (int i = 0; i < 4; i++) {
         const double more = some[i] * (double)steps;
         if (!(needed <= some[i] || i == 3) || more != rint(more)) continue;
@@ -94,7 +98,8 @@ static double ratio_to(const Refined *a, int64_t steps, double error, double wan
 static int plan_by_stages(const Refined *a, const Attempt *first, double *ratio, double *uneven) {
     const Limits *const l = a->limits;
     const double made = made_by_stages(a, first, uneven);
-    if (largest_of(first->seen, first->ended.whole) > l->unresolved) *ratio = l->near;
+    if (largest_of(first->seen, first->ended.whole) > l->unresolved) /* the run behind the second one may prove it */
+        *ratio = needed_for(a, made, a->tol) > l->near * l->near ? l->far : l->near;
     else *ratio = ratio_to(a, first->steps, made, a->tol);
     const int tells = *ratio > l->near || made > l->clearly * a->tol;
     *uneven = tells ? l->extra * *uneven : 1;

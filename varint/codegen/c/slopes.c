@@ -179,7 +179,7 @@ APART int iterated_with_slopes(Run *r, int64_t k) {
     Unknowns x, fresh;
     int end = 0;
     if (!s->count) evaluate_there(r, k);
-    while (s->count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first))) {
+    while (s->count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first)) && c->off <= BEYOND) {
         const int64_t count = s->count;
         copy_unknowns(x, s->x);
         set_momenta(s, STAGE_M1, x, 0, 0);

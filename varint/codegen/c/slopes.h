@@ -10,7 +10,7 @@
 #define PAIRS (STAGES / 2)
 /* evaluations that take as long: one with slopes, by rows and their products, and slopes themselves */
 #define OPERATIONS ((double)WORK + (FORM == 2 && ON_VELOCITY ? 10.0 * ROWS : 0)) /* of an evaluation, with all products */
-#define DEARER (1 + (80 + 12.0 * ROWS + 0.8 * ROWS * ROWS) / OPERATIONS)
+#define DEARER (1 + (40 + 12.0 * ROWS + 0.8 * ROWS * ROWS) / OPERATIONS)
 #define RENEWAL (4 + (double)N / 3 + 3.0 * ROWS * ROWS * ROWS / OPERATIONS)
 #define SLOW 5      /* evaluations with slopes that a step takes at most if they are of use */
 #define GROWN_OLD 6 /* evaluations with slopes of a step before, which are taken anew then */
