@@ -180,3 +180,41 @@ def test_a_chaotic_motion_written_with_fabs_tells_what_its_last_digits_make(tol)
     )
     made = (np.abs(one - other) / error_scales(system, motion)).max()
     assert 10 * tol < made < 30 * motion.stats["error_estimate"]
+
+
+def damped_double_pendulum():
+    q, v = vi.coordinates("a", "b")
+    kinetic = v[0] ** 2 + v[1] ** 2 / 2 + v[0] * v[1] * ca.cos(q[0] - q[1])
+    height = -2 * ca.cos(q[0]) - ca.cos(q[1])
+    return vi.System(q, v, kinetic - 9.81 * height, force=-0.01 * v)
+
+
+@pytest.mark.parametrize("tol", (1e-3, 1e-9))
+def test_a_chaotic_motion_that_has_lost_all_digits_is_not_followed_by_ever_more_steps(tol):
+    """Runs whose distance fell now and then, by chance, went on to 33 million steps, 4 GB and 42 s,
+    and told no more.
+    """
+    system = damped_double_pendulum()
+    start = dict(q0=[2.5, 2.0], v0=[0.0, 0.0], duration=40.0)
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(system, **start, tol=tol)
+    assert motion.stats["steps"] <= 2**17
+    grid = dict(steps=2**14, rule=vi.gauss(8))
+    one, other = (
+        vi.simulate(system, **(start | {"q0": [x, 2.0]}), **grid).q[-1]
+        for x in (2.5, np.nextafter(2.5, 3.0))
+    )
+    made = (np.abs(one - other) / error_scales(system, motion)).max()
+    assert made > 0.1
+    assert motion.stats["error_estimate"] > 0.1
+
+
+def test_a_chaotic_motion_is_reached_as_long_as_a_digit_is_left():
+    """Last digits grow by 10¹³: the first runs that resolve the motion have lost all theirs."""
+    system, start = damped_double_pendulum(), dict(q0=[2.5, 2.0], v0=[0.0, 0.0], duration=22.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = vi.simulate(system, **start, tol=1e-3)
+    close = vi.simulate(system, vi.gauss(8), **start, steps=3 * motion.stats["steps"])
+    error = (np.abs(motion.q - close.q[::3]) / error_scales(system, motion)).max()
+    assert error <= motion.stats["error_estimate"] <= 1e-3

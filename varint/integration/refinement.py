@@ -41,6 +41,7 @@ from varint.integration.run_distance import (
 from varint.integration.second_looks import (
     Trial,
     blown_apart,
+    by_last_digits,
     has_steps,
     luck,
     start_rounding,
@@ -67,6 +68,7 @@ MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
 SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
+SCATTERED = 5  # runs that resolve the motion, and of which other last digits leave none
 CERTAIN = 2  # times, where there were digits already and nothing jumps
 # times the steps of a run with contacts, where that many are missing and runs come together by the
 # rule's order: those between would take longer than they tell
@@ -114,6 +116,7 @@ def refine(
     most = MOST_STEPS if quick else MOST_INTERPRETED
     s = system.structure
     free, followed = not (s.nonholonomic or system.rays), False
+    scattered = 0  # runs whose last digits have become all of them
 
     def begun(steps: int, motion: Trajectory, known: float) -> float:
         if sample is not None:
@@ -206,6 +209,11 @@ def refine(
             wanders = apart > tol and (rounded == apart or sooner or still)
             if wanders or stalls == (CERTAIN if sure else PATIENCE):
                 best = best and replace(best, estimate=max(best.estimate, apart))
+                break
+        if apart >= NO_DIGITS and free and not (over_jumps or leaps) and _resolves(motion):
+            again = partial(trial, wanted=wanted)
+            scattered += by_last_digits(again, rule, steps, motion, scales) >= NO_DIGITS
+            if scattered == SCATTERED:
                 break
         if order is not None and apart < NO_DIGITS:
             # far below the rule's it is that of steps that do not resolve the motion yet

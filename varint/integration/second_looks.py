@@ -75,6 +75,14 @@ def start_rounding(
     return parted(apart, known, tol)[0]
 
 
+def by_last_digits(
+    trial: Trial, rule: Rule, steps: int, motion: Trajectory, scales: np.ndarray
+) -> float:
+    """How far a run is from one whose start has other last digits; 0 where there is none."""
+    other = trial(rule, steps, digits=0)
+    return 0.0 if other is None else distance(motion, steps, other, steps, scales)
+
+
 def blown_apart(
     trial: Trial, rule: Rule, sample: tuple[int, Trajectory], scale: Any, tol: float
 ) -> bool:
