@@ -195,7 +195,9 @@ def refine(
             shown = drop
         before = steps, motion
         rounded = rounding(apart, radians, steps, growth)
-        stalled = apart > STALLED * last and _resolves(motion)
+        lost = apart >= NO_DIGITS and free and not (over_jumps or leaps)
+        resolved = (lost or apart > STALLED * last) and _resolves(motion)
+        stalled = apart > STALLED * last and resolved
         stalls = stalls + 1 if stalled and not _strays(system, motion, apart, radians) else 0
         first = math.isinf(by_order) and apart < NO_DIGITS
         by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
@@ -210,9 +212,8 @@ def refine(
             if wanders or stalls == (CERTAIN if sure else PATIENCE):
                 best = best and replace(best, estimate=max(best.estimate, apart))
                 break
-        if apart >= NO_DIGITS and free and not (over_jumps or leaps) and _resolves(motion):
-            again = partial(trial, wanted=wanted)
-            scattered += by_last_digits(again, rule, steps, motion, scales) >= NO_DIGITS
+        if lost and resolved:
+            scattered += by_last_digits(trial, rule, steps, motion, scales, wanted) >= NO_DIGITS
             if scattered == SCATTERED:
                 break
         if order is not None and apart < NO_DIGITS:

@@ -76,10 +76,10 @@ def start_rounding(
 
 
 def by_last_digits(
-    trial: Trial, rule: Rule, steps: int, motion: Trajectory, scales: np.ndarray
+    trial: Trial, rule: Rule, steps: int, motion: Trajectory, scales: np.ndarray, wanted: float
 ) -> float:
     """How far a run is from one whose start has other last digits; 0 where there is none."""
-    other = trial(rule, steps, digits=0)
+    other = trial(rule, steps, wanted=wanted, digits=0)
     return 0.0 if other is None else distance(motion, steps, other, steps, scales)
 
 
