@@ -21,6 +21,7 @@ from varint.integration.error_scale import careful_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.narrow_places import PARTS
 from varint.integration.problem import InitialValueProblem
+from varint.integration.resolved_steps import resolves
 from varint.integration.round_off import (
     GROWS,
     growth_of,
@@ -48,7 +49,6 @@ from varint.integration.second_looks import (
     transient,
 )
 from varint.integration.shown_order import CAUTION, LEAST_ORDER
-from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
     EVIDENCE,
     FLOOR,
@@ -75,13 +75,11 @@ CERTAIN = 2  # times, where there were digits already and nothing jumps
 LEAP = 4
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
-RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
 # a run that went astray, or which rate varies along it → the choice with steps that follow the
 # scene, where it asks for them
 Varying = Callable[[Trajectory | int], Choice | None]
 # steps of a run over forces beyond which it is seen whether a rate varies along it, once
 FOLLOWED = 4096
-SAMPLES = 200  # nodes at which frequencies are looked at
 
 
 def refine(
@@ -196,7 +194,7 @@ def refine(
         before = steps, motion
         rounded = rounding(apart, radians, steps, growth)
         lost = apart >= NO_DIGITS and free and not (over_jumps or leaps)
-        resolved = (lost or apart > STALLED * last) and _resolves(motion)
+        resolved = (lost or apart > STALLED * last) and resolves(motion)
         stalled = apart > STALLED * last and resolved
         stalls = stalls + 1 if stalled and not _strays(system, motion, apart, radians) else 0
         first = math.isinf(by_order) and apart < NO_DIGITS
@@ -286,15 +284,3 @@ def _strays(system: System, motion: Trajectory, apart: float, radians: float) ->
         return False
     turned = max(radians, 1.0)  # of degenerate scenes it is not known
     return GAIN * turned * energy_errors(motion)[MIDDLE] > NO_DIGITS
-
-
-def _resolves(motion: Trajectory) -> bool:
-    """Whether the steps are short for the fastest small motion anywhere on the way, and for the
-    fastest decay that so many steps as are no great effort would resolve.
-    """
-    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    h, total = abs(motion.h), abs(float(motion.t[-1] - motion.t[0]))
-    decays = decay_rates(motion[some])
-    within_reach = decays[decays * total < RESOLVED]
-    fastest = max(frequencies(motion[some]).max(initial=0.0), within_reach.max(initial=0.0))
-    return bool(h * fastest < 1.0)
