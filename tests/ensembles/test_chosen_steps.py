@@ -236,6 +236,7 @@ REFUSED = {
     "at and tol of an ensemble goes with": dict(h=0.1, steps=3, at=[1.0], tol=1e-3),
     "give duration or at": dict(),
     "save_every goes with h or steps": dict(duration=1.0, save_every=2),
+    "save_every must be": dict(duration=1.0, save_every=ca.MX.sym("n")),
     "tol must be a relative error between 0 and 1, got 2": dict(duration=1.0, tol=2),
     "^tol is the wanted error relative to the motion": dict(duration=1.0, tol=1e-20),
     "at must be times that go on from t0": dict(at=[1.0, 0.5]),

@@ -1,5 +1,6 @@
 """`simulate(at=...)`: the nodes are the times that were asked for, however the run is made."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -66,6 +67,7 @@ def test_events_stay_and_times_past_the_end_are_left_out():
         (dict(at=[]), "a time or several"),
         (dict(at="now"), "a time or several"),
         (dict(at=[1.0], save_every=3), "leave save_every or at out"),
+        (dict(at=[1.0], save_every=ca.SX.sym("n")), "save_every must be"),
         (dict(at=[1.0], h=-0.1), "does not lead"),
         (dict(at=[1.0, 3.0], duration=0.5), "not lie within"),
         (dict(at=[1.0, 3.0], h=0.1, steps=29), "not lie within"),

@@ -14,7 +14,7 @@ from varint.integration.asked_times import until_last
 from varint.integration.problem import check_tolerance
 from varint.integration.tolerance import DEFAULT_TOL, check_reach
 from varint.numerics.limits import check_steps
-from varint.scene.inputs import number, times_of
+from varint.scene.inputs import number, positive_integer, times_of
 
 NODES = 101  # where no times are given: from the start to the end, equally far apart
 
@@ -61,7 +61,7 @@ def asked_of(
             "give duration or at (alone, or with tol: steps are chosen for each member), or two of "
             "h, steps, duration"
         )
-    if save_every != 1:
+    if positive_integer("save_every", save_every) != 1:
         raise InputError(
             "save_every goes with h or steps; where steps are chosen, at gives the nodes of all "
             "members"

@@ -16,7 +16,7 @@ from varint.integration.problem import WHOLE, Grid
 from varint.results.dense_output import ROUNDING
 from varint.results.records import changed
 from varint.results.trajectory import Trajectory
-from varint.scene.inputs import number
+from varint.scene.inputs import number, positive_integer
 
 FEW = 50  # times that are compared one by one in less time than all at once
 
@@ -31,7 +31,7 @@ def until_last(times: np.ndarray, start: Any, save_every: Any, grid: Grid, resca
         If the times do not go on from the start in one direction, or nodes are left out besides.
     """
     t0 = number("t0", start)
-    if save_every != 1:
+    if positive_integer("save_every", save_every) != 1:
         raise InputError("at gives the nodes that are kept: leave save_every or at out")
     last = float(times[-1] - t0)
     direction = 1.0 if last > 0 else -1.0
