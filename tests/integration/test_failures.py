@@ -37,6 +37,16 @@ def kepler(**extras) -> vi.System:
     )
 
 
+@pytest.mark.parametrize("backend", ["auto", "compiled", "interpreted"])
+def test_momenta_overflow_as_coordinates_do(backend):
+    """The last kick of an explicit step was not looked at: its momentum was −inf in the result."""
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - q**2)
+    start = dict(q0=1.0, v0=0.0, h=717397458.0, backend=backend)
+    with np.errstate(all="ignore"):
+        failure(system, vi.composition("blanes-moan4"), **start, steps=3)
+
+
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
 @pytest.mark.parametrize("rule", [vi.gauss(2), vi.composition("verlet")], ids=str)
 def test_a_square_root_of_a_negative_number_is_named(rule, backend):

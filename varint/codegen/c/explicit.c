@@ -80,7 +80,7 @@ int run(const RunArguments *a) {
         }
         u += KICKS * NU;
         double size = 0; /* not finite as soon as one of them is not */
-        for (int d = 0; d < N; d++) size += q[d] * 0.0 + force[d] * 0.0;
+        for (int d = 0; d < N; d++) size += q[d] * 0.0 + v_fma(hk[KICKS - 1], force[d], p[d]) * 0.0;
         if (!(size == 0)) { status = NOT_FINITE; break; }
         pending = hk[KICKS - 1];
         done++, ended = is_behind(q[N - 1], a->end);
