@@ -10,7 +10,6 @@ from machines import AXES, andrews, floating, many_joints, plane_chain, spatial_
 import varint as vi
 import varint.multibody as mb
 from varint.codegen import mechanics
-from varint.codegen.dependence import operations
 from varint.codegen.gauss import PRODUCT, gauss_scheme
 from varint.multibody.grouped import grouped
 from varint.multibody.tree import tree_of
@@ -117,7 +116,7 @@ def test_operations_of_a_step_and_link_are_those_of_ten_within_thirty_percent(ch
 
     def each(links: int, evaluations: int = 3) -> float:
         functions = gauss_scheme(branched(links, gravity, chain).system(), 2).functions
-        sizes = {name: operations(*f)[0] for name, f in functions.items()}
+        sizes = {name: f.arrangement.sizes[name].operations for name, f in functions.items()}
         often = sizes["kick"] + sizes["drift"] + 2 * links * PRODUCT
         return (sizes["inertia"] + evaluations * often) / links
 
