@@ -55,6 +55,9 @@ STIFF = {
 }
 
 
+BOTH = native_gauss, gauss_kernel
+
+
 def runs_by(which, steps, *kernels):
     """The scene, its start and controls, and its runs by kernels of a scene and a rule."""
     make, stages, *start = STIFF[which]
@@ -134,6 +137,20 @@ def test_a_fresh_step_that_contracts_too_slowly_goes_on_with_slopes(which):
     assert one.rows.tobytes() == other.rows.tobytes()
     assert one.iterations == other.iterations
     assert np.abs(one.rows - by_newton.rows).max() < 1e-13 * np.abs(by_newton.rows).max()
+
+
+def test_a_step_that_was_begun_without_slopes_counts_with_them_alone():
+    """Evaluations of a step that was begun beside the one before counted as those that one with
+    slopes takes: the next one was not looked at before as many, and slopes seemed of no use.
+    """
+    q, v = vi.coordinates("x", "y", "z")
+    well = (2 * q[2] ** 2 - q[0] ** 2 - q[1] ** 2) / 2 + 0.02 * q[2] ** 4
+    turned = 5 * ca.vertcat(v[1], -v[0], 0)
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - well, force=turned)
+    start = [1.0, 0.0, 0.5], [0.0, 0.4, 0.1], 40 / 98
+    one, other = (simulated(k(system, vi.gauss(8)), *start, 98, system) for k in BOTH)
+    assert one.iterations == other.iterations < 5 * 98
+    assert one.rows.tobytes() == other.rows.tobytes()
 
 
 def test_slopes_do_not_lead_to_another_solution_of_long_steps():

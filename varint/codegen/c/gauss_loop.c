@@ -266,6 +266,7 @@ INLINE int solve(Run *r, int64_t k) {
     for (int tried[2] = {0}, goes_on = 0;;) {
         const int improved = IMPROVES && slopes->left > 0;
         c->checks = 0, c->off = 0;
+        if (improved && r->now.count > 1) r->iterations += r->now.count - 1, r->now.count = 1; /* begun without slopes */
         if (!r->now.count && improved && r->known) begin_improved(r);
         if (improved && slopes->renew > 0) renew_slopes(r, k);
         if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);

@@ -1,10 +1,30 @@
 /* Steps of a Gauss rule with slopes, as slopes.h has them: what depends on the size of a scene alone. */
 
+/* One number a mode, where unknowns have the real parts and, as often times `sign`, where they have the imaginary ones. */
+INLINE void set_parts(Pairs x, double sign, V *to) {
+    double parts[PADDED];
+    for (int i = 0; i < PADDED; i++) parts[i] = i < PAIRS ? sign * x[i] : i < STAGES ? x[i - PAIRS] : 0;
+    memcpy(to, parts, sizeof parts);
+}
+
+/* Real parts of modes where the imaginary ones are, and these where they are. */
+INLINE void swap_parts(const V *x, V *swapped) {
+#if LANES > 1 && VECTORS == 1 && !defined(__clang__)
+    I from;
+    for (int i = 0; i < LANES; i++) from[i] = i < PAIRS ? i + PAIRS : i < STAGES ? i - PAIRS : i;
+    swapped[0] = __builtin_shuffle(x[0], from);
+#else
+    double parts[PADDED], other[PADDED];
+    memcpy(parts, x, sizeof parts);
+    for (int i = 0; i < PADDED; i++) other[i] = parts[i < PAIRS ? i + PAIRS : i < STAGES ? i - PAIRS : i];
+    memcpy(swapped, other, sizeof other);
+#endif
+}
+
 /* (I - l h J)^-1, or with FORM 2 (I - l h da/dv - l^2 h^2 da/dq)^-1, for every pair of eigenvalues l. */
 APART void invert(Run *r) {
     const Slopes *const s = &r->slopes;
-    Pairs(*const re)[SLOPES_ROOM] = r->inverse[0], (*const im)[SLOPES_ROOM] = r->inverse[1];
-    Pairs l_re = {0}, l_im = {0};
+    Pairs re[SLOPES_ROOM][SLOPES_ROOM], im[SLOPES_ROOM][SLOPES_ROOM], l_re = {0}, l_im = {0};
     memcpy(&l_re, MODE_RE, PAIRS * sizeof(double)), memcpy(&l_im, MODE_IM, PAIRS * sizeof(double));
     const Pairs squared_re = l_re * l_re - l_im * l_im, squared_im = 2 * l_re * l_im, none = {0};
     for (int i = 0; i < ROWS; i++)
@@ -30,30 +50,29 @@ APART void invert(Run *r) {
             }
         }
     }
+    for (int i = 0; i < ROWS; i++)
+        for (int j = 0; j < ROWS; j++) set_parts(re[i][j], 1, r->inverse.own[i][j]), set_parts(im[i][j], -1, r->inverse.other[i][j]);
 }
 
 /* fresh = x + the inverse of what fresh misses. */
 APART void improve(const Run *r, const Unknowns x, Unknowns fresh) {
-    const Pairs(*const re)[SLOPES_ROOM] = r->inverse[0], (*const im)[SLOPES_ROOM] = r->inverse[1];
-    Pairs got[2][SLOPES_ROOM];
+    V modes[SLOPES_ROOM][VECTORS], swapped[SLOPES_ROOM][VECTORS];
     for (int i = 0; i < ROWS; i++) {
-        V missed[VECTORS], modes[VECTORS];
-        for (int k = 0; k < VECTORS; k++) missed[k] = fresh[i][k] - x[i][k], modes[k] = splat(0.0);
-        add_product(STAGE_MODES, missed, modes);
-        const double *const y = (const double *)modes;
-        got[0][i] = got[1][i] = (Pairs){0};
-        memcpy(&got[0][i], y, PAIRS * sizeof(double)), memcpy(&got[1][i], y + PAIRS, PAIRS * sizeof(double));
+        V missed[VECTORS];
+        for (int k = 0; k < VECTORS; k++) missed[k] = fresh[i][k] - x[i][k], modes[i][k] = splat(0.0);
+        add_product(STAGE_MODES, missed, modes[i]);
+        swap_parts(modes[i], swapped[i]);
     }
     for (int i = 0; i < ROWS; i++) {
-        Pairs to_re = {0}, to_im = {0};
-        for (int j = 0; j < ROWS; j++) {
-            to_re += re[i][j] * got[0][j] - im[i][j] * got[1][j];
-            to_im += re[i][j] * got[1][j] + im[i][j] * got[0][j];
-        }
-        V modes[VECTORS], way[VECTORS];
-        for (int k = 0; k < VECTORS; k++) modes[k] = way[k] = splat(0.0);
-        memcpy(modes, &to_re, PAIRS * sizeof(double)), memcpy((double *)modes + PAIRS, &to_im, PAIRS * sizeof(double));
-        add_product(STAGE_OF_MODES, modes, way);
+        V own[VECTORS], other[VECTORS], way[VECTORS];
+        for (int k = 0; k < VECTORS; k++) own[k] = other[k] = way[k] = splat(0.0);
+        for (int j = 0; j < ROWS; j++)
+            for (int k = 0; k < VECTORS; k++) {
+                own[k] = v_fma(r->inverse.own[i][j][k], modes[j][k], own[k]);
+                other[k] = v_fma(r->inverse.other[i][j][k], swapped[j][k], other[k]);
+            }
+        for (int k = 0; k < VECTORS; k++) own[k] += other[k];
+        add_product(STAGE_OF_MODES, own, way);
         for (int k = 0; k < VECTORS; k++)
             fresh[i][k] = x[i][k] + choose(MASK(r->at.b[k] != 0.0), way[k], splat(0.0));
     }

@@ -31,4 +31,6 @@ typedef struct {
 #define SLOPES_TOLD 9     /* these numbers */
     double of_places[SLOPES_ROOM * SLOPES_ROOM], of_speeds[SLOPES_ROOM * SLOPES_ROOM]; /* h J; or h^2 da/dq and h da/dv */
 } Slopes;
-typedef Pairs Inverse[2][SLOPES_ROOM][SLOPES_ROOM]; /* real and imaginary parts */
+/* Of every element, mode by mode where unknowns have the real parts of modes, and then where these have the imaginary ones: what
+   multiplies that part, and what the other one. */
+typedef struct { V own[SLOPES_ROOM][SLOPES_ROOM][VECTORS], other[SLOPES_ROOM][SLOPES_ROOM][VECTORS]; } Inverse;
