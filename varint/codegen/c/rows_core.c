@@ -9,6 +9,25 @@
 #include "rows.h"
 #define FEW 256 /* vectors that the stack has room for */
 
+/* One number of each of `many` points, so far apart; those that are missing are the last one once more. */
+INLINE V gathered(const double *at, int64_t apart, int many) {
+    V x;
+    if (many < LANES)
+        for (int i = 0; i < LANES; i++) set_lane(&x, i, at[(i < many ? i : many - 1) * apart]);
+    else if (apart == 1) memcpy(&x, at, sizeof x);
+    else
+        for (int i = 0; i < LANES; i++) set_lane(&x, i, at[i * apart]);
+    return x;
+}
+
+INLINE void scatter(V x, double *to, int64_t width, int many) {
+    if (many == LANES && width == 1) memcpy(to, &x, sizeof x);
+    else if (many == LANES)
+        for (int i = 0; i < LANES; i++) to[i * width] = lane(x, i);
+    else
+        for (int i = 0; i < many; i++) to[i * width] = lane(x, i);
+}
+
 int rows(const RowsArguments *a) {
     const Tape *const tape = a->scene;
     int64_t into[MOST_ARGUMENTS + 1] = {0}, from[MOST_ARGUMENTS + 1] = {0};
@@ -35,17 +54,13 @@ int rows(const RowsArguments *a) {
         for (int64_t k = 0; k < tape->inputs; k++) {
             const Moved *const m = tape->input + k;
             const int64_t apart = a->apart[m->argument];
-            const double *const at = a->arguments[m->argument] + first * apart + m->component;
-            V *const to = x + into[m->argument] + m->component;
-            for (int i = 0; i < LANES; i++) set_lane(to, i, at[(i < many ? i : many - 1) * apart]);
+            x[into[m->argument] + m->component] = gathered(a->arguments[m->argument] + first * apart + m->component, apart, many);
         }
         evaluate_tape(tape, arguments, results, 1, (const double *)w);
         for (int64_t k = 0; k < tape->outputs; k++) {
             const Moved *const m = tape->output + k;
             const int64_t width = a->widths[m->argument];
-            double *const to = a->results[m->argument] + first * width + m->component;
-            const V found = y[from[m->argument] + m->component];
-            for (int i = 0; i < many; i++) to[i * width] = lane(found, i);
+            scatter(y[from[m->argument] + m->component], a->results[m->argument] + first * width + m->component, width, many);
         }
     }
     free(own);
