@@ -14,6 +14,7 @@ from varint.codegen.native import native_gauss
 from varint.integration.graded_steps import stage_looks
 from varint.integration.shown_by_stages import (
     Shown,
+    begins_clearly,
     left_by_stages,
     made_by_stages,
     planned_by_stages,
@@ -197,3 +198,30 @@ def test_no_first_run_over_forces_has_fewer_than_eight_steps():
     assert motion.stats["steps"] >= 12
     closer = vi.simulate(scene, q0=[0, 0], v0=[3.0, 4.0], duration=1.0, tol=1e-12)
     assert np.abs(motion.q[-1] - closer.q[-1]).max() < 1e-8
+
+
+def test_a_begin_is_clear_where_stages_of_the_first_steps_show_it():
+    """Only these steps count; a coarser run that does not resolve them tells nothing."""
+    smooth, none = np.full(12, 1e-6), np.zeros(0)
+    layer = np.append(0.3, smooth[1:])
+    assert begins_clearly(Shown(8, layer[:8]), Shown(12, smooth), 2, 1e-9, 16)
+    assert not begins_clearly(Shown(8, smooth[:8]), Shown(12, layer), 2, 1e-9, 16)
+    late = np.append(smooth[:11], 0.3)
+    assert begins_clearly(Shown(8, none), Shown(12, late), 2, 1e-9, 16)
+    assert not begins_clearly(Shown(8, none), Shown(12, none), 2, 1e-9, 16)
+    coarse = np.full(8, 3e-4)
+    assert begins_clearly(Shown(8, coarse), Shown(12, none), 2, 1e-8, 16)
+    assert not begins_clearly(Shown(8, 100 * coarse), Shown(12, none), 2, 1e-8, 16)
+
+
+@pytest.mark.parametrize("tol", (1e-3, 1e-6, 1e-9))
+@pytest.mark.parametrize("speed", (0.0, 1.0, 3.0))
+def test_the_first_nodes_of_a_motion_with_a_transient_are_right(speed, tol):
+    """A strong damper stops what moves within a part of the first steps."""
+    q, v = vi.coordinates("x", "y")
+    energy = ca.sumsqr(q) / 2 + q[0] ** 2 * q[1] / 5
+    damped = vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=-ca.vertcat(40 * v[0], 0.3 * v[1]))
+    start = dict(q0=[0.7, -0.4], v0=[speed, -0.5])
+    motion = vi.simulate(damped, **start, duration=6.0, tol=tol)
+    exact = vi.simulate(damped, vi.gauss(8), **start, h=6.0 / 20_000, steps=20_000)
+    assert np.abs(motion.q - exact.at(motion.t).q).max() < 2 * tol * np.abs(exact.q).max()

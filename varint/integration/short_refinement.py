@@ -50,6 +50,7 @@ from varint.integration.second_looks import TRANSIENT_PARTS, before_shared
 from varint.integration.shown_by_stages import (
     RATIOS,
     SHARED,
+    begins_clearly,
     least_by_stages,
     left_by_stages,
     planned_by_stages,
@@ -255,10 +256,12 @@ def by_short_refinement(
         begins_well = True
         if off < NO_DIGITS and estimate <= tol:
             few = before_shared(before[0], steps)
-            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted)
-            if fine is None:
-                return None
-            early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
+            early = 0.0
+            if not begins_clearly(coarse_one, shows, few, tol, rule.order):
+                fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted)
+                if fine is None:
+                    return None
+                early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
             if math.isnan(early):
                 return None
             begins_well = early <= tol

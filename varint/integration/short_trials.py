@@ -91,6 +91,7 @@ _REFINED = np.array(
         *(stages.COUNTED, stages.ALIKE, stages.TOLD, stages.FAINT),
         *(stages.MADE, stages.AIM, stages.LONGER, stages.FORESEEN, stages.CLEARLY),
         *(stages.EXTRA, stages.UNRESOLVED, stages.LEAST_MADE, stages.MOST_UNRESOLVED),
+        stages.BEGINS,
         stages.ROUND_OFF,
         limited.LATE * limited.LATELY,
     ]

@@ -16,6 +16,9 @@ have shown which do not resolve the motion is not counted on beyond what d² say
 calls over forces of 31 kinds five were silently wrong, by up to 4.6 times what was asked, four of
 them of a spring with a narrow bend; of 145,000 by differences alone three, by up to ten times.
 
+Steps before the first node that two runs share hide transients from them and are done once more in
+parts, but where d² of these steps show that they make a hundredth of what is wanted.
+
 The first run's d² also say how many steps the second one is to have, and whether its error will
 seem to grow (a motion from rest makes most of it late), so that its iterations are to leave less.
 
@@ -47,6 +50,7 @@ CLEARLY = 0.1  # of the wanted error: two runs will show it without stages
 EXTRA = 4.0  # times less than foreseen iterations are to leave
 LEAST_MADE = 0.25  # of that a run errs by at least
 MOST_UNRESOLVED = 12.0  # times as much at most behind one that does not resolve the motion
+BEGINS = 100.0  # times less than what is wanted is made in the first steps where that is clear
 ROUND_OFF = 1e-12  # of the largest unknowns of their kind: rows that tell nothing
 UNRESOLVED = 0.05  # d of a run that may be lucky: the next one is not compared with it alone
 
@@ -103,6 +107,21 @@ def least_by_stages(before: Shown, now: Shown) -> float:
         return 0.0
     more = min(1 + (before.d.max() / TOLD) ** 2, MOST_UNRESOLVED)
     return float(LEAST_MADE * more * made_by_stages(now.d)[0])
+
+
+def begins_clearly(before: Shown, now: Shown, few: int, tol: float, order: int) -> bool:
+    """Whether stages show that nothing is made in so many first steps of the finer one of two runs,
+    before the first node that both have; those of the coarser one where the finer one's have not
+    been looked at, and so many times less where they resolve the motion.
+    """
+    seen = now if now.d.size else before
+    if not seen.d.size:
+        return False
+    ratio = seen.steps / now.steps
+    some = math.ceil(few * ratio)
+    most = float(seen.d[:some].max())
+    fallen = ratio ** (COUNTED * order) if most <= TOLD else 1.0
+    return BEGINS * MADE * some * most**2 * fallen <= tol
 
 
 def ratio_to(steps: int, error: float, wanted: float, order: int) -> float:

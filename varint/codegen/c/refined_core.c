@@ -154,13 +154,15 @@ static int prove(const Refined *a, int grows, int64_t *made) {
             if (off < l->no_digits && estimate <= a->tol && has_nodes) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
-                if (!try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
+                const int clearly = begins_clearly(a, &before, &now, few);
+                if (!clearly && !try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
                 if (before.lost) break;
-                const double early = apart_from(a, &now, 1, &before, parts, scales);
+                const double early = clearly ? 0 : apart_from(a, &now, 1, &before, parts, scales);
                 if (early != early) break;
                 begins_well = early <= a->tol;
                 if (begins_well) {
                     if (a->search.sought && !ends_early(&a->search) && !search(a, &now)) goto end;
+                    if (clearly) before.steps = parts * steps, before.ended = (Ended){.last = 0}; /* the start alone */
                     result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
                     *a->found = (Proved){steps, *made + runs, estimate > early ? estimate : early, now.iterations, now.residual, 0,
                                          now.ended.last, now.ended.found, INFINITY};

@@ -75,6 +75,17 @@ static double least_by_stages(const Refined *a, const Attempt *before, const Att
     return a->limits->least_made * (more < most ? more : most) * made_by_stages(a, now, &uneven);
 }
 
+/* Whether stages show that nothing is made in the first steps of the finer one of two runs, before the first node that both have;
+   those of the coarser one where the finer one's have not been looked at, and so many times less where they resolve the motion. */
+static int begins_clearly(const Refined *a, const Attempt *before, const Attempt *now, int64_t few) {
+    const Limits *const l = a->limits;
+    const double ratio = now->seen ? 1 : (double)before->steps / (double)now->steps, *const seen = now->seen ? now->seen : before->seen;
+    if (!seen) return 0;
+    const int64_t some = (int64_t)ceil((double)few * ratio);
+    const double most = largest_of(seen, some), fallen = most <= l->told ? pow(ratio, l->counted * (double)a->order) : 1;
+    return l->begins * l->made * (double)some * (most * most) * fallen <= a->tol;
+}
+
 /* How many times as many steps err by so much less that this is proved. */
 static double needed_for(const Refined *a, double error, double wanted) {
     return pow(a->limits->aim * error / wanted, 1 / (a->limits->counted * (double)a->order));
