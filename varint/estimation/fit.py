@@ -7,10 +7,15 @@ from collections.abc import Iterable
 from typing import Any
 
 from varint.errors import InputError
+from varint.estimation.chosen_step import (
+    require_constant_controls,
+    step_for,
+    with_shorter_steps,
+)
 from varint.estimation.measurement import Experiment, Measurement
 from varint.estimation.noise import fit_with_noise
 from varint.estimation.outcome import fit_of
-from varint.estimation.problem import estimation
+from varint.estimation.problem import Estimation, estimation
 from varint.estimation.residuals import shooter
 from varint.estimation.result import Fit
 from varint.integration.plan import plan
@@ -25,7 +30,7 @@ def fit(
     *,
     data: Any,
     unknown: Any,
-    h: float,
+    h: float | None = None,
     q0: Any = None,
     v0: Any = None,
     t0: float = 0.0,
@@ -59,10 +64,11 @@ def fit(
     unknown : sequence or dict
         Parameters by name or symbol, ``"q0"``, ``"v0"``. In a dictionary with a guess, or a guess
         and bounds, ``{"g": vi.free(9.0, 1.0, 20.0)}``.
-    h : float
+    h : float, optional
         Step. Times of measurement need not be nodes: a shorter step of the same rule leads there.
         Where half of it would move an estimate by a tenth of its standard deviation a warning
-        says so.
+        says so. Default: one with which the motion of the guess is right to a millionth, and
+        halves of it while they would move an estimate by so much.
     q0, v0, t0, u
         Start and controls as in `simulate`, guesses where they are unknown; with experiments each
         has its own. q0 and v0 may be expressions of parameters, such as the elements of an orbit.
@@ -108,8 +114,8 @@ def fit(
     >>> pendulum = vi.System(q, v, c.length**2 * v**2 / 2 + 9.81 * c.length * ca.cos(q), params=c)
     >>> true = vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=200, params=dict(length=0.8))
     >>> seen = vi.Measurement(q, true.t[::20], true.q[::20, 0], sigma=1e-3)
-    >>> found = vi.fit(pendulum, data=[seen], unknown=["length"], h=0.01, q0=1.0, v0=0.0)
-    >>> round(float(found.params["length"]), 9)
+    >>> found = vi.fit(pendulum, data=[seen], unknown=["length"], q0=1.0, v0=0.0)
+    >>> round(float(found.params["length"]), 6)
     0.8
     """
     require_system(system)
@@ -117,8 +123,16 @@ def fit(
     experiments = _experiments(data, q0, v0, t0, u)
     if huber is not None and not (isinstance(huber, (int, float)) and huber > 0):
         raise InputError(f"huber must be a positive number of standard deviations, got {huber!r}")
-    p = estimation(system, rule, experiments, unknown, h, params, segments, priors)
+
+    def problem(step: Any) -> Estimation:
+        return estimation(system, rule, experiments, unknown, step, params, segments, priors)
+
+    if h is None:
+        require_constant_controls(system, rule, experiments)
+    p = problem(step_for(problem) if h is None else h)
     made = fit_of(*fit_with_noise(shooter(p, backend), huber))
+    if h is None:
+        made = with_shorter_steps(made, huber)
     for sentence in filter(None, (*made.unidentifiable, made.misfit, made.step_error)):
         warnings.warn(sentence, stacklevel=2)
     return made
