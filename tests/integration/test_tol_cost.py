@@ -107,7 +107,7 @@ def test_seven_stars_are_where_the_published_solution_has_them_within_tol(tol):
     motion = run(model, tol, backend="compiled")
     true = np.array(PLEIADES["F01_pleiades"]["reference"]["state"][0])
     assert (np.abs(motion.q[-1] - true) / error_scales(model.system, motion)).max() <= tol
-    assert len(motion) < 100
+    assert len(motion) < 120
 
 
 @pytest.mark.long
