@@ -10,7 +10,7 @@ import varint as vi
 from varint.codegen import gauss
 from varint.codegen.arguments import DONE, NOT_CONVERGED, NOT_FINITE
 from varint.codegen.cache import compiler
-from varint.codegen.explicit import explicit_kernel
+from varint.codegen.explicit import LOOPS_FROM, explicit_functions, explicit_kernel, loops_from
 from varint.codegen.gauss import gauss_form, gauss_kernel
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import run_loop
@@ -195,6 +195,33 @@ def coupled(count):
     q, v = vi.coordinates(*(f"a{i}" for i in range(count)))
     potential = -ca.sum1(ca.cos(q)) - 0.3 * ca.sum1(ca.cos(q[1:] - q[:-1]))
     return vi.System(q, v, ca.sumsqr(v) / 2 - potential)
+
+
+@pytest.mark.parametrize(("count", "loops"), ((12, False), (40, True)))
+def test_forces_that_are_alike_are_loops_and_keep_the_bytes_of_their_operations(count, loops):
+    system, rule = coupled(count), vi.composition("yoshida4")
+    force = explicit_functions(system, rule)["rhs"]
+    assert (loops_from(force) < LOOPS_FROM) == loops
+    start = np.linspace(-1, 1, count) ** 3, np.linspace(0.3, -0.2, count)
+    one, other = (simulated(k(system, rule), *start, 0.05, 50, system) for k in EXPLICIT)
+    assert one.rows.tobytes() == other.rows.tobytes()
+    q, p = composition_by_numpy(system, rule, *start, 0.05, 50)
+    assert np.abs(one.rows[-1, :2] - [q, p]).max() < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("of", "loops"), ((lambda d: -ca.cos(d), False), (lambda d: ca.sqrt(1 + d**2), True))
+)
+def test_forces_of_many_neighbours_keep_the_bytes_of_their_operations(of, loops):
+    """Long sums, which loops add up in an order of their own, are written out."""
+    q, v = vi.coordinates(*(f"a{i}" for i in range(40)))
+    near = [(i, (i + far) % 40) for i in range(40) for far in (1, 2, 3, 4)]
+    potential = sum(of(q[i] - q[j]) for i, j in near)
+    system, rule = vi.System(q, v, ca.sumsqr(v) / 2 - potential), vi.composition("verlet")
+    assert (loops_from(explicit_functions(system, rule)["rhs"]) < LOOPS_FROM) == loops
+    start = np.linspace(-1, 1, 40) ** 3, np.zeros(40)
+    one, other = (simulated(k(system, rule), *start, 0.05, 50, system) for k in EXPLICIT)
+    assert one.rows.tobytes() == other.rows.tobytes()
 
 
 @pytest.mark.parametrize("count", (3, 7))

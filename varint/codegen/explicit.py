@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.codegen.arranged import forms_of
 from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
@@ -14,6 +15,9 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 LOOPS_FROM = 2000  # operations of a force; the compiler vectorises loops over pairs and neighbours
+# and from which on that pays where most of them have so many of the same form beside them, as those
+# of a chain's springs
+ALIKE_FROM, MOST, MANY = 150, 0.6, 24
 # operations of a force that take far longer than a call: it is written out once, not wherever it is
 # needed, where every copy takes the compiler as long as all the rest
 IN_LINE = 200
@@ -51,7 +55,8 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
 def explicit_source(system: System, rule: Rule) -> Source:
     """The C source of `explicit_kernel`."""
     arranged = explicit_functions(system, rule)
-    functions = emitted(arranged, written_out=LOOPS_FROM)
+    functions = emitted({"rhs": arranged["rhs"]}, written_out=loops_from(arranged["rhs"]))
+    functions |= emitted({"velocity": arranged["velocity"]}, written_out=LOOPS_FROM)
     kicks = len(rule.kicks)
     written_out = sum(node[0] in ("sin", "cos", "exp") for node in arranged["rhs"].graph.nodes)
     operations = functions["rhs"].operations + OF_A_FUNCTION * written_out
@@ -75,6 +80,17 @@ def explicit_source(system: System, rule: Rule) -> Source:
         "explicit.c",
         contraction=AS_WRITTEN,
     )
+
+
+def loops_from(force: Routine) -> int:
+    """From how many operations on this force is written in loops. Short ones are arranged as they
+    are written out, and long sums, which loops add up in an order of their own, stay that way.
+    """
+    forms = forms_of(force.graph, force.last, ALIKE_FROM)
+    if forms is None or forms.terms:
+        return LOOPS_FROM
+    alike = sum([len(nodes) for nodes in forms.members if len(nodes) >= MANY])
+    return ALIKE_FROM if alike >= MOST * force.sizes.operations else LOOPS_FROM
 
 
 @kernel_per_system
