@@ -197,7 +197,7 @@ static void set_node_times(const Refined *a, const Attempt *run, double *t) {
     }
     Stretch here = stretch_of(a->grades, a->t0, a->duration, run->steps, 0);
     for (int64_t k = 0; k <= run->ended.last; k++) {
-        if (k == here.end) here = stretch_of(a->grades, a->t0, a->duration, run->steps, k);
+        if (k >= here.end) here = stretch_of(a->grades, a->t0, a->duration, run->steps, k);
         t[k] = k < run->steps ? here.t + here.h * (double)(k - here.first) : a->t0 + a->duration;
     }
 }

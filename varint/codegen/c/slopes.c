@@ -14,6 +14,10 @@ INLINE void swap_parts(const V *x, V *swapped) {
     for (int i = 0; i < LANES; i++) from[i] = i < PAIRS ? i + PAIRS : i < STAGES ? i - PAIRS : i;
     swapped[0] = __builtin_shuffle(x[0], from);
 #else
+    if (PAIRS % LANES == 0) {
+        for (int k = 0; k < VECTORS; k++) swapped[k] = x[k < PAIRS / LANES ? k + PAIRS / LANES : k - PAIRS / LANES];
+        return;
+    }
     double parts[PADDED], other[PADDED];
     memcpy(parts, x, sizeof parts);
     for (int i = 0; i < PADDED; i++) other[i] = parts[i < PAIRS ? i + PAIRS : i < STAGES ? i - PAIRS : i];
