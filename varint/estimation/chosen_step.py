@@ -69,14 +69,13 @@ def _step_of(p: Estimation, motion: Motion) -> float:
     }
     if motion.u.shape[2]:
         start["u"] = motion.u[0, 0]
-    shortest = lasts / UNKNOWN
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # how true the guess is does not matter
         try:
             guess = simulate(p.system, p.rule, **start, duration=lasts, tol=GUESSED, progress=False)
             shortest = float(np.diff(guess.t).min())
-        except ConvergenceError:
-            pass
+        except ConvergenceError:  # the fit says why, where the data suggest no other start
+            shortest = lasts / UNKNOWN
     return min(max(shortest, lasts / MOST), lasts / FEWEST)
 
 
