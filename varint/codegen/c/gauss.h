@@ -80,6 +80,7 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define ALWAYS 0x7fffffff
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define BEYOND 1e3 /* how far off nothing brings an iteration back: the start was too far off */
+#define GONE 1e6 /* times as large as they first were: nothing brings unknowns of a fresh start back */
 #define GLANCE 4 /* iterations of a loose step between looks at that: sines of huge numbers take hundreds of nanoseconds */
 #define TELLING 7 /* looks at changes that tell how fast they shrink */
 #define AT_HAND 1e-2 /* changes of an iteration that is near its end: from farther off slopes may lead to another one */
@@ -184,6 +185,7 @@ typedef struct {
     int checks, stalled, idle[MOST_ROWS];
     Unknowns from; /* each row where its best change was, or where it was last seen to go on and on */
     int64_t most; /* evaluations that a step takes; 0: it is iterated with patience */
+    double begun[2]; /* what unknowns of a fresh start first were, all of a kind */
 } Change;
 
 struct Run;
@@ -380,7 +382,6 @@ typedef struct Run {
     double tried, counts[3], slowest, residual; /* counts: in either order; one half after the other, lately */
     int seidel;
     Slopes slopes;
-    Inverse inverse;
 } Run;
 
 /* Those of the last stage of the last step, in all lanes: nearly those where it ends. None yet: zero. */

@@ -35,6 +35,16 @@ APART int is_unseen(const Step *s, const Unknowns fresh, int r) {
     return !BY_DEFECT;
 }
 
+/* Whether steps with slopes take less than ones of so many plain evaluations: those of many coordinates take many as long. */
+APART int repays(const Step *s, double evaluations) {
+#ifdef SCENE_APART
+    const Scene *const scene = s->scene;
+#else
+    (void)s;
+#endif
+    return ROWS <= ALWAYS_REPAYS || RENEWAL / PERIOD + SLOW * DEARER <= evaluations;
+}
+
 /* Whether an iteration is near its end, and not over after as many evaluations as a step may take if it contracts as it has so far;
    what still changes is no round-off. */
 INLINE int is_too_slow(const Change *c, double now, double level, int64_t left) {
@@ -81,7 +91,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
             double last = largest(change_of(fresh[r], x[r]));
             if (last > EPS * c->scale[r] && last > level * c->scale[r] && last > c->noise[r]) c->noise[r] = last;
         }
-    else if (IMPROVES && is_too_slow(c, worst, level, c->most - s->count)) c->off = INFINITY;
+    else if (IMPROVES && is_too_slow(c, worst, level, c->most - s->count) && repays(s, (double)c->most)) c->off = INFINITY;
     return all;
 }
 
@@ -97,11 +107,19 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
     }
 }
 
+/* Sizes of rows by the unknowns of a step before which none are known, and whether these have gone off. */
 APART void set_first_scale(Run *r, const Unknowns x) {
+    Change *const c = &r->change;
     V sizes[MOST_ROWS];
     double size[MOST_ROWS];
     for (int i = 0; i < ROWS; i++) sizes[i] = size_of(x[i]);
-    row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
+    row_sums(sizes, ROWS, size), set_scale(c, size, 0);
+    for (int kind = 0; kind < UNKNOWNS_EACH; kind++) {
+        double all = 0;
+        for (int d = 0; d < N; d++) all += size[kind * N + d];
+        if (!c->checks) c->begun[kind] = all;
+        else if (c->begun[kind] > 0 && all > GONE * c->begun[kind]) c->off = INFINITY;
+    }
 }
 
 APART void save(const Run *r, double *row, double t, int64_t without_velocities) {
@@ -169,7 +187,7 @@ APART void go_on_with_slopes(Run *r, const Carry *carry) {
     if (!(s->left > 0)) {
         s->period = s->period > REST ? s->period : REST;
         begin_slopes(r, FAILED + carry->expected);
-    }
+    } else if (!has_room(r)) s->left = 0;
     s->renew = 1, s->there = 0;
 }
 
@@ -222,9 +240,13 @@ APART void restore(Run *r, const RunArguments *a) {
         r->seidel = LONGER * r->counts[1] <= r->counts[0];
         if (IMPROVES) {
             const double *const kept = x + 3 * ROWS * PADDED, *const slopes = kept + SLOPES_TOLD;
-            memcpy(&r->slopes, kept, SLOPES_TOLD * sizeof(double)), COPY(r->slopes.of_places, slopes, ROWS * ROWS);
-            if (FORM == 2) COPY(r->slopes.of_speeds, slopes + ROWS * ROWS, ROWS * ROWS);
-            if (r->slopes.left > 0 && !(r->slopes.renew > 0)) invert(r);
+            memcpy(&r->slopes, kept, SLOPES_TOLD * sizeof(double));
+            if (!(r->slopes.left > 0 && has_room(r))) r->slopes.left = 0;
+            else if (!(r->slopes.renew > 0)) {
+                COPY(r->slopes.of_places, slopes, ROWS * ROWS);
+                if (FORM == 2) COPY(r->slopes.of_speeds, slopes + ROWS * ROWS, ROWS * ROWS);
+                invert(r);
+            }
         }
     } else {
         stand_at(r, a->start);
@@ -275,9 +297,8 @@ INLINE int solve(Run *r, int64_t k) {
         if (end) return 1;
         lost += (double)r->now.count;
         goes_on = IMPROVES && !improved && c->checks >= TELLING && c->now <= AT_HAND;
-        if (goes_on) { /* slowly, but the right way: slopes go on from there */
+        if (goes_on && begin_slopes(r, lost)) { /* slowly, but the right way: slopes go on from there */
             r->now.count = 1, r->next.count = 0, tried[0] = !r->known;
-            begin_slopes(r, lost);
             continue;
         }
         if (!r->known) {
@@ -289,7 +310,7 @@ INLINE int solve(Run *r, int64_t k) {
             }
             if (!IMPROVES || tried[!improved]) return BY_DEFECT && !LEGENDRE_ITERATIONS && c->now <= WANDERS;
             if (improved) rest_from_slopes(r);
-            else begin_slopes(r, lost);
+            else if (!begin_slopes(r, c->off > 0 ? SHORTER * pow(GONE, 1.0 / c->checks) : lost)) return 0;
         }
         slopes->renew = 1;
         r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
@@ -388,8 +409,12 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
     memcpy(x + 2 * ROWS * PADDED, r->now.x, UNKNOWNS_SIZE), carry->count = (double)r->now.count;
     if (IMPROVES) {
         double *const kept = x + 3 * ROWS * PADDED, *const slopes = kept + SLOPES_TOLD;
-        memcpy(kept, &r->slopes, SLOPES_TOLD * sizeof(double)), COPY(slopes, r->slopes.of_places, ROWS * ROWS);
-        if (FORM == 2) COPY(slopes + ROWS * ROWS, r->slopes.of_speeds, ROWS * ROWS);
+        memcpy(kept, &r->slopes, SLOPES_TOLD * sizeof(double));
+        if (!(r->slopes.left > 0)) memset(slopes, 0, (size_t)(SLOPES_SIZE - SLOPES_TOLD) * sizeof(double));
+        else {
+            COPY(slopes, r->slopes.of_places, ROWS * ROWS);
+            if (FORM == 2) COPY(slopes + ROWS * ROWS, r->slopes.of_speeds, ROWS * ROWS);
+        }
     }
     carry->tried = r->tried, memcpy(carry->counts, r->counts, sizeof r->counts);
     COPY(scales, r->change.scale, ROWS), COPY(scales + ROWS, r->change.noise, ROWS);
@@ -442,6 +467,7 @@ int run(const RunArguments *a) {
     if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
     else save(&r, a->stats->last, t, 0);
     store(&r, a, status, done);
+    free(r.slopes.room);
     FREE_ROOM(r);
     return status;
 }

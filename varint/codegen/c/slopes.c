@@ -1,11 +1,32 @@
 /* Steps of a Gauss rule with slopes, as slopes.h has them: what depends on the size of a scene alone. */
 
-/* One number a mode, where unknowns have the real parts and, as often times `sign`, where they have the imaginary ones. */
-INLINE void set_parts(Pairs x, double sign, V *to) {
-    double parts[PADDED];
-    for (int i = 0; i < PADDED; i++) parts[i] = i < PAIRS ? sign * x[i] : i < STAGES ? x[i - PAIRS] : 0;
-    memcpy(to, parts, sizeof parts);
+/* What multiplies a mode's own part, where unknowns have its real one and where they have the imaginary one, and the other part. */
+INLINE void set_parts(Modes x, V *own, V *other) {
+#if LANES == 8 && VECTORS == 1 && !defined(__clang__)
+    I from;
+    V sign;
+    for (int i = 0; i < LANES; i++) from[i] = i < PAIRS ? i : i < STAGES ? i - PAIRS : 0, sign[i] = i < PAIRS ? -1 : i < STAGES;
+    own[0] = __builtin_shuffle(x, from) * v_fabs(sign), other[0] = __builtin_shuffle(x, from + 4) * sign;
+#else
+    double parts[8], mine[PADDED], its[PADDED];
+    memcpy(parts, &x, sizeof parts);
+    for (int i = 0; i < PADDED; i++) {
+        mine[i] = i < PAIRS ? parts[i] : i < STAGES ? parts[i - PAIRS] : 0;
+        its[i] = i < PAIRS ? -parts[4 + i] : i < STAGES ? parts[4 + i - PAIRS] : 0;
+    }
+    memcpy(own, mine, sizeof mine), memcpy(other, its, sizeof its);
+#endif
 }
+
+INLINE Modes both_parts(Pairs re, Pairs im) {
+    Modes x;
+    memcpy(&x, &re, sizeof re), memcpy((char *)&x + sizeof re, &im, sizeof im);
+    return x;
+}
+INLINE Pairs real_part(Modes x) { Pairs y; memcpy(&y, &x, sizeof y); return y; }
+INLINE Pairs imaginary_part(Modes x) { Pairs y; memcpy(&y, (char *)&x + sizeof y, sizeof y); return y; }
+/* The same times i. */
+INLINE Modes turned_modes(Modes x) { return both_parts(-imaginary_part(x), real_part(x)); }
 
 /* Real parts of modes where the imaginary ones are, and these where they are. */
 INLINE void swap_parts(const V *x, V *swapped) {
@@ -25,37 +46,49 @@ INLINE void swap_parts(const V *x, V *swapped) {
 #endif
 }
 
+/* Whether there is room for slopes and their inverse. */
+APART int has_room(Run *r) {
+    Slopes *const s = &r->slopes;
+    if (s->room) return 1;
+    const size_t all = (size_t)ROWS * ROWS, vectors = all * sizeof *s->own, between = (all + ROWS) * sizeof *s->modes;
+    char *const room = aligned_alloc(64, (2 * vectors + between + 2 * all * sizeof(double) + 63) / 64 * 64);
+    if (!room) return 0;
+    s->own = (V (*)[VECTORS])room, s->other = s->own + all, s->modes = (Modes *)(room + 2 * vectors);
+    s->of_places = (double *)(room + 2 * vectors + between), s->of_speeds = s->of_places + all, s->room = (double *)room;
+    return 1;
+}
+
 /* (I - l h J)^-1, or with FORM 2 (I - l h da/dv - l^2 h^2 da/dq)^-1, for every pair of eigenvalues l. */
 APART void invert(Run *r) {
     const Slopes *const s = &r->slopes;
-    Pairs re[SLOPES_ROOM][SLOPES_ROOM], im[SLOPES_ROOM][SLOPES_ROOM], l_re = {0}, l_im = {0};
+    Modes *const x = s->modes, *const turned = x + ROWS * ROWS, none = {0};
+    Pairs l_re = {0}, l_im = {0};
     memcpy(&l_re, MODE_RE, PAIRS * sizeof(double)), memcpy(&l_im, MODE_IM, PAIRS * sizeof(double));
-    const Pairs squared_re = l_re * l_re - l_im * l_im, squared_im = 2 * l_re * l_im, none = {0};
+    const Modes l = both_parts(l_re, l_im), squared = both_parts(l_re * l_re - l_im * l_im, 2 * l_re * l_im),
+                one = both_parts(real_part(none) + 1, real_part(none));
     for (int i = 0; i < ROWS; i++)
         for (int j = 0; j < ROWS; j++) {
-            const double slope = s->of_places[i * ROWS + j], by_speed = FORM == 2 && BOTH ? s->of_speeds[i * ROWS + j] : 0;
-            re[i][j] = (none + (i == j)) - (FORM == 2 ? squared_re * slope + l_re * by_speed : l_re * slope);
-            im[i][j] = none - (FORM == 2 ? squared_im * slope + l_im * by_speed : l_im * slope);
+            const int at = i * ROWS + j;
+            const Modes slope = FORM == 2 ? squared * s->of_places[at] + l * (BOTH ? s->of_speeds[at] : 0) : l * s->of_places[at];
+            x[at] = (i == j ? one : none) - slope;
         }
     for (int k = 0; k < ROWS; k++) {
-        const Pairs size = re[k][k] * re[k][k] + im[k][k] * im[k][k], over_re = re[k][k] / size, over_im = -im[k][k] / size;
-        re[k][k] = none + 1, im[k][k] = none;
-        for (int j = 0; j < ROWS; j++) {
-            const Pairs x = re[k][j], y = im[k][j];
-            re[k][j] = over_re * x - over_im * y, im[k][j] = over_re * y + over_im * x;
-        }
+        Modes *const own = x + k * ROWS;
+        const Pairs re = real_part(own[k]), im = imaginary_part(own[k]), size = re * re + im * im;
+        const Modes over_re = both_parts(re / size, re / size), over_im = both_parts(-im / size, -im / size);
+        own[k] = one;
+        for (int j = 0; j < ROWS; j++) own[j] = over_re * own[j] + over_im * turned_modes(own[j]);
+        for (int j = 0; j < ROWS; j++) turned[j] = turned_modes(own[j]);
         for (int i = 0; i < ROWS; i++) {
             if (i == k) continue;
-            const Pairs x = re[i][k], y = im[i][k];
-            re[i][k] = im[i][k] = none;
-            for (int j = 0; j < ROWS; j++) {
-                re[i][j] -= x * re[k][j] - y * im[k][j];
-                im[i][j] -= x * im[k][j] + y * re[k][j];
-            }
+            Modes *const its = x + i * ROWS;
+            const Modes y_re = both_parts(real_part(its[k]), real_part(its[k])),
+                        y_im = both_parts(imaginary_part(its[k]), imaginary_part(its[k]));
+            its[k] = none;
+            for (int j = 0; j < ROWS; j++) its[j] -= y_re * own[j] + y_im * turned[j];
         }
     }
-    for (int i = 0; i < ROWS; i++)
-        for (int j = 0; j < ROWS; j++) set_parts(re[i][j], 1, r->inverse.own[i][j]), set_parts(im[i][j], -1, r->inverse.other[i][j]);
+    for (int at = 0; at < ROWS * ROWS; at++) set_parts(x[at], s->own[at], s->other[at]);
 }
 
 /* fresh = x + the inverse of what fresh misses. */
@@ -68,12 +101,14 @@ APART void improve(const Run *r, const Unknowns x, Unknowns fresh) {
         swap_parts(modes[i], swapped[i]);
     }
     for (int i = 0; i < ROWS; i++) {
+        const V(*const by_own)[VECTORS] = (const V(*)[VECTORS])r->slopes.own + i * ROWS,
+              (*const by_other)[VECTORS] = (const V(*)[VECTORS])r->slopes.other + i * ROWS;
         V own[VECTORS], other[VECTORS], way[VECTORS];
         for (int k = 0; k < VECTORS; k++) own[k] = other[k] = way[k] = splat(0.0);
         for (int j = 0; j < ROWS; j++)
             for (int k = 0; k < VECTORS; k++) {
-                own[k] = v_fma(r->inverse.own[i][j][k], modes[j][k], own[k]);
-                other[k] = v_fma(r->inverse.other[i][j][k], swapped[j][k], other[k]);
+                own[k] = v_fma(by_own[j][k], modes[j][k], own[k]);
+                other[k] = v_fma(by_other[j][k], swapped[j][k], other[k]);
             }
         for (int k = 0; k < VECTORS; k++) own[k] += other[k];
         add_product(STAGE_OF_MODES, own, way);
@@ -220,12 +255,15 @@ APART int iterated_with_slopes(Run *r, int64_t k) {
     return end;
 }
 
-/* The steps to come are improved, since one took so many evaluations: each time longer, until that is not the shorter way. */
-INLINE void begin_slopes(Run *r, double evaluations) {
+/* The steps to come are improved, since one took so many evaluations: each time longer, until that is not the shorter way. Whether
+   they are: this may be no shorter way, and there may be no memory. */
+INLINE int begin_slopes(Run *r, double evaluations) {
     Slopes *const s = &r->slopes;
+    if (!repays(&r->now, evaluations) || !has_room(r)) return 0;
     s->period = s->period > 0 ? s->period < LASTING ? 4 * s->period : LASTING : PERIOD;
     s->left = s->period, s->renew = 1, s->was = evaluations, s->spent = s->made = 0;
     r->expected = 0, r->change.rate = 1;
+    return 1;
 }
 
 /* Plain steps follow, each time more of them. */
@@ -250,7 +288,8 @@ INLINE void plan_slopes(Run *r) {
     }
     s->spent += DEARER * (count - 1) + RENEWAL * s->there, s->there = 0, s->made += 1, s->left -= 1;
     if (count > GROWN_OLD) s->renew = 1;
-    const int longer = s->spent > s->was * (s->made < TRIED ? TRIED : s->made);
+    const double first = ROWS > ALWAYS_REPAYS ? RENEWAL : 0; /* those of many coordinates are to last for longer */
+    const int longer = s->spent > first + s->was * (s->made < TRIED ? TRIED : s->made);
     if (longer) rest_from_slopes(r);
     else if (!(s->left > 0)) r->expected = 0, r->change.rate = 1;
 }

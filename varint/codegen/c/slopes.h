@@ -4,7 +4,7 @@
    modes of A: pair by pair of its eigenvalues l, (I - l h J)^-1 or with FORM 2 (I - l h da/dv - l^2 h^2 da/dq)^-1. The iteration
    has the same fixed point, and contracts as J changes instead of as h J does: what is stiffly damped, or turned by fields,
    takes a few evaluations a step. Each of them takes longer, so it is for steps that take many. */
-#define MOST_SLOPES 12 /* unknowns of a stage */
+#define MOST_SLOPES 128 /* unknowns of a stage */
 #define SLOPES_ROOM (MOST_ROWS < MOST_SLOPES ? MOST_ROWS : MOST_SLOPES)
 #define IMPROVES (!DENSE && !BY_DEFECT && STAGES <= 8 && STAGES % 2 == 0 && ROWS <= MOST_SLOPES)
 #define PAIRS (STAGES / 2)
@@ -16,6 +16,8 @@
 #define GROWN_OLD 6 /* evaluations with slopes of a step before, which are taken anew then */
 #define TRIED 2     /* steps that tell whether they are the shorter way; one does where it is as many times longer */
 #define FAILED 20   /* evaluations that a step is taken for which plain iteration does not solve, besides those that were made */
+#define ALWAYS_REPAYS 12 /* rows whose slopes take less than a few plain steps */
+#define SHORTER 50  /* evaluations of plain steps that are shorter by as much as the iteration diverges */
 #define PERIOD 4    /* steps until the plain iteration is tried again, and each time four times as many */
 #define REST 64     /* plain steps until slopes are, and each time four times as many */
 #define LASTING (1 << 20)
@@ -23,14 +25,17 @@
 #define OUTGROWN 0x1p16  /* times its size that a number moves: round-off of its differences begins to count */
 
 typedef double Pairs __attribute__((vector_size(32)));
+typedef double Modes __attribute__((vector_size(64))); /* real parts of pairs of modes, and behind them the imaginary ones */
 typedef struct {
     double left, period;      /* steps with slopes to come, and of them in all */
     double plain, rest;       /* plain steps to come before slopes are tried again, and of them in all */
     double was, spent, made;  /* evaluations of the plain step before those with slopes, and of theirs; how many these are */
     double renew, there;      /* are they to be taken anew, or were they? */
 #define SLOPES_TOLD 9     /* these numbers */
-    double of_places[SLOPES_ROOM * SLOPES_ROOM], of_speeds[SLOPES_ROOM * SLOPES_ROOM]; /* h J; or h^2 da/dq and h da/dv */
+    double *of_places, *of_speeds; /* h J; or h^2 da/dq and h da/dv */
+    /* Of every element of the inverse, mode by mode where unknowns have the real parts of modes, and then where these have the
+       imaginary ones: what multiplies that part, and what the other one. */
+    V (*own)[VECTORS], (*other)[VECTORS];
+    Modes *modes;   /* what it is made of */
+    double *room;   /* of all these, made when the first ones are taken; 0: not yet */
 } Slopes;
-/* Of every element, mode by mode where unknowns have the real parts of modes, and then where these have the imaginary ones: what
-   multiplies that part, and what the other one. */
-typedef struct { V own[SLOPES_ROOM][SLOPES_ROOM][VECTORS], other[SLOPES_ROOM][SLOPES_ROOM][VECTORS]; } Inverse;

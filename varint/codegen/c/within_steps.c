@@ -208,6 +208,7 @@ int within_steps(const WithinArguments *a) {
         if (found_within(&r, start, a->q + N * (node + 1), a->p + N * (node + 1), a->tables, &step)) set_states(&r, a, i, next, &step);
         else missed++;
     }
+    free(r.slopes.room);
     FREE_ROOM(r);
     return DONE;
 }
