@@ -80,7 +80,8 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define ALWAYS 0x7fffffff
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define BEYOND 1e3 /* how far off nothing brings an iteration back: the start was too far off */
-#define GONE 1e6 /* times as large as they first were: nothing brings unknowns of a fresh start back */
+#define LEAST_LEVEL 0x1p-56
+#define GONE 1e6 /* times as large as they first were: runs that others are compared with do not wait for unknowns to come back */
 #define GLANCE 4 /* iterations of a loose step between looks at that: sines of huge numbers take hundreds of nanoseconds */
 #define TELLING 7 /* looks at changes that tell how fast they shrink */
 #define AT_HAND 1e-2 /* changes of an iteration that is near its end: from farther off slopes may lead to another one */

@@ -118,7 +118,7 @@ APART void set_first_scale(Run *r, const Unknowns x) {
         double all = 0;
         for (int d = 0; d < N; d++) all += size[kind * N + d];
         if (!c->checks) c->begun[kind] = all;
-        else if (c->begun[kind] > 0 && all > GONE * c->begun[kind]) c->off = INFINITY;
+        else if (r->level > LEAST_LEVEL && c->begun[kind] > 0 && all > GONE * c->begun[kind]) c->off = INFINITY;
     }
 }
 
@@ -214,7 +214,7 @@ INLINE void set_size(Run *r, double h) {
 APART void restore(Run *r, const RunArguments *a) {
     const double h = a->h;
     const Carry *carry = (const Carry *)a->carry;
-    r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > 0x1p-56 ? a->level : 0x1p-56;
+    r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > LEAST_LEVEL ? a->level : LEAST_LEVEL;
 #ifdef SCENE_APART
     r->now.scene = r->next.scene = a->scene, r->now.loop = r->next.loop = &called_back;
 #endif
@@ -263,6 +263,7 @@ APART void restore(Run *r, const RunArguments *a) {
    take slopes by, which would be those of another place, and an inverse by which all changes are small. */
 APART void set_scale_at_start(Run *r, int64_t k) {
     if (!IMPROVES) return;
+    r->change.off = 0, r->change.checks = 0;
     place_start(r, &r->now, 0, r->last, r->older);
     evaluate_there(r, k);
     set_first_scale(r, r->now.x);

@@ -53,8 +53,9 @@ APART int has_room(Run *r) {
     const size_t all = (size_t)ROWS * ROWS, vectors = all * sizeof *s->own, between = (all + ROWS) * sizeof *s->modes;
     char *const room = aligned_alloc(64, (2 * vectors + between + 2 * all * sizeof(double) + 63) / 64 * 64);
     if (!room) return 0;
-    s->own = (V (*)[VECTORS])room, s->other = s->own + all, s->modes = (Modes *)(room + 2 * vectors);
-    s->of_places = (double *)(room + 2 * vectors + between), s->of_speeds = s->of_places + all, s->room = (double *)room;
+    s->modes = (Modes *)room, s->own = (V (*)[VECTORS])(room + between), s->other = s->own + all;
+    s->of_places = (double *)(room + between + 2 * vectors), s->of_speeds = s->of_places + all, s->room = (double *)room;
+    memset(s->of_speeds, 0, all * sizeof(double)); /* those that nothing depends on */
     return 1;
 }
 
