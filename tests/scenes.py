@@ -92,3 +92,18 @@ def cartesian_pendulum(gravity=9.81) -> vi.System:
     """A bob on a rod, in Cartesian coordinates."""
     q, v = vi.coordinates("x", "y")
     return vi.System(q, v, ca.sumsqr(v) / 2 - gravity * q[1], constraint=ca.sumsqr(q) - 1)
+
+
+def damped_beam(elements: int = 10) -> vi.System:
+    """A cantilever of stiff links whose joints are damped: rates of 13 to 5000."""
+    q, v = vi.coordinates(*[f"a{i}" for i in range(elements)])
+    part, kinetic, potential, y, vx, vy = 1 / elements, 0.0, 0.0, 0.0, 0.0, 0.0
+    bends, rates = q - ca.vertcat(0, q[:-1]), v - ca.vertcat(0, v[:-1])
+    for i in range(elements):
+        vx, vy = vx - part * ca.sin(q[i]) * v[i], vy + part * ca.cos(q[i]) * v[i]
+        y = y + part * ca.sin(q[i])
+        kinetic += part / 2 * (vx**2 + vy**2) + part**3 / 24 * v[i] ** 2
+        potential += part * 9.81 * y
+    potential += 10 * elements * ca.sumsqr(bends)
+    damping = 0.05 * elements * (rates - ca.vertcat(rates[1:], 0))
+    return vi.System(q, v, kinetic - potential, force=-damping)

@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from scenes import damped_beam
 from test_compiled import controls, simulated
 
 import varint as vi
@@ -45,12 +46,22 @@ def turned_by_a_field() -> vi.System:
     return vi.System(q, v, ca.sumsqr(v) / 2 + ca.dot(potential, v) - ca.sumsqr(q) / 2)
 
 
+def damped_line(many: int = 20) -> vi.System:
+    q, v = vi.coordinates(*[f"x{i}" for i in range(many)])
+    bends, rates = q - ca.vertcat(0, q[:-1]), v - ca.vertcat(0, v[:-1])
+    damping = 40 * (rates - ca.vertcat(rates[1:], 0))
+    energy = 200 * ca.sumsqr(bends) + 20 * ca.sum1(bends**4)
+    return vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=-damping)
+
+
 # scene, stages, start, momenta, h: fixed-point iteration alone diverges there, or nearly so
 STIFF = {
     "velocities and forces": (arm, 8, [0.0, 0.0], [0.0, 0.0], 0.1),
     "the same with controls": (lambda: arm(control=True), 6, [0.0, 0.0], [0.0, 0.0], 0.1),
     "accelerations, by speeds": (damped_spring, 4, [1.0, 0.5], [0.0, 2.0], 0.2),
     "accelerations": (stiff_chain, 4, [1.0, 0, 0, 0.02, 0, 0], [1.0, 0, 0, 1.0, 0, 0], 0.1),
+    "twenty unknowns": (damped_beam, 8, [0.0] * 10, [0.0] * 10, 0.01),
+    "twenty accelerations": (damped_line, 6, [0.05 * i for i in range(20)], [0.0] * 20, 0.04),
     "a field": (turned_by_a_field, 8, [0.3, 0.0, 0.1], [0.5, 1.0, 0.2], 0.3),
 }
 

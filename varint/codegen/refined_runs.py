@@ -64,7 +64,7 @@ def refined_course(
     held: HeldLooks | None = None,
     bends: BendLooks | None = None,
     stages: StageLooks | None = None,
-    grows: bool = False,
+    grows: int = 0,
     fitted: int = 0,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
@@ -91,8 +91,8 @@ def refined_course(
         Of forces that bend with velocities.
     stages : StageLooks, optional
         Of motions whose error the stages of their steps tell.
-    grows : bool
-        Whether steps may grow where the motion settles.
+    grows : int
+        1: steps may grow where the motion settles; 2: and beyond what stiff dampers stop at once.
     fitted : int
         Steps at most of runs whose steps are shorter where forces bend; 0: none are.
 
@@ -112,7 +112,7 @@ def refined_course(
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
     kind = counted_looks, int(held is not None), kernel.note[1]
     at_stages = (0, 0, 0, 0) if stages is None else (address_of(stages.heights), *stages.counts)
-    steps = *at_stages, int(grows), 0, fitted
+    steps = *at_stages, grows, 0, fitted
     head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:]) + _NO_TABLE
     return Course(entry, kernel, on.n, 2, head, (on, forces, held, bends, bent, stages, *arrays))
 

@@ -11,8 +11,10 @@ in the same form.
 Two things bound how long they become. In no coordinate a step goes farther than steps of the usual
 size have gone before: what acts at a place alone is passed over no sooner than by equal steps. And
 they still resolve the linear motion near a point of rest, whether it is stable or not: what leaves
-an unstable one slowly is seen to do so. No bound is needed for a pulse at some time, because forces
-do not depend on it.
+an unstable one slowly is seen to do so. Where dampers are stiff (`damped_motions`) first steps are
+for what these stop at once, and the usual size is that for what lasts; long steps that do not show
+the motion are tried once more at half their size. No bound is needed for a pulse at some time,
+because forces do not depend on it.
 """
 
 from __future__ import annotations

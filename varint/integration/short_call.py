@@ -24,6 +24,7 @@ from varint.codegen.two_runs import (
     Rates,
     runs_made,
 )
+from varint.integration.damped_motions import damped_turns
 from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
 from varint.integration.linear_run import MAPPED, is_one_map
@@ -106,7 +107,9 @@ def short_call(
         seen = room.seen
         if seen is None or seen[2] != duration or seen[3] != t0:
             check_steps(t0, duration, 1)
-        pilot, turned = seen_in(room, system, known, begin, t0, c, duration)
+        pilot, turned = seen_in(
+            room, system, known, begin, t0, c, duration, None if events else tol
+        )
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
             rates = known.rates
@@ -149,19 +152,25 @@ def seen_in(
     t0: float,
     c: np.ndarray,
     duration: float,
+    tol: float | None = None,
 ) -> tuple[RatePilot | None, tuple[float, float]]:
     """A pilot if steps should vary, and else how far the fastest motions turn: at the start, and
-    where the first steps are for. What was seen from the start that is there is remembered.
+    where the first steps are for; those that last and those that are seen, where steps may grow to
+    `tol`. What was seen from the start that is there is remembered.
     """
     seen, there = room.seen, room.known
+    if seen is not None and known.damped and seen[6] != tol:
+        seen = None
     if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
         assert room.look is not None
         room.look()
         ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
-        turned = angles_turned(
-            duration, fastest_of(known.n, known.last, room.local), ahead.frequency
-        )
-        seen = there, known, duration, t0, ahead.pilot, turned
+        fastest = fastest_of(known.n, known.last, room.local)
+        turned = angles_turned(duration, fastest, ahead.frequency)
+        if known.damped and tol is not None and fastest is not None:
+            state = room.q.copy(), room.values[: room.n].copy(), t0, c, duration
+            turned = damped_turns(system, *state, tol, fastest) or turned
+        seen = there, known, duration, t0, ahead.pilot, turned, tol
         room.seen = None if there is None else seen
     return seen[4], seen[5]
 

@@ -14,6 +14,7 @@ from varint.codegen.two_runs import NO_RATES, Rates
 from varint.codegen.within_steps import Within
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
+from varint.integration.damped_motions import may_be_damped
 from varint.integration.even_motion import Made
 from varint.integration.gears import Gears, gears_of
 from varint.integration.held_rows import is_held
@@ -59,9 +60,8 @@ class Known:
     """Of a scene: coordinates, the rule that is asked for, rooms that nobody uses, rules, their
     prices and which is the cheapest when, their loops as far as they were asked for, whether steps
     may vary and the rates that they may follow, whether momenta will do for all of that, whether
-    constraint rows hold the motion, and the last local numbers of a start as bytes and the fastest
-    frequency of
-    these.
+    constraint rows hold the motion, whether dampers may be stiff, and the last local numbers of a
+    start as bytes and the fastest frequency of these.
     """
 
     n: int
@@ -74,6 +74,7 @@ class Known:
     rates: list[Rates]
     by_momentum: bool
     held: bool
+    damped: bool
     last: list[tuple[bytes, float | None]]
 
 
@@ -97,7 +98,9 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     rates = rates_to_follow(system) if varies and shows_its_error(system) else [NO_RATES]
     loops: list[Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
-    return Known(n, rule, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])
+    damped = not shows_its_error(system) and may_be_damped(system)
+    last: tuple[bool, list[tuple[bytes, float | None]]] = damped, [(b"", 0.0)]
+    return Known(n, rule, *begin, loops, varies, rates, by_momentum, held, *last)
 
 
 def _is_plainly_held(system: System) -> bool:

@@ -46,6 +46,7 @@ from varint.codegen.two_runs import (
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
+from varint.integration.damped_motions import may_be_damped
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
 from varint.integration.even_motion import even_motion_of, graded_motion, made_of
@@ -100,6 +101,8 @@ _REFINED = np.array(
 # times as many steps as of any loop are over in the same time, where it is compiled: operations
 # take a twentieth of what is counted on for the first block of a loop that nobody has seen run
 COMPILED = 8
+# and in either gear, of scenes that may have stiff dampers, whose steps take few evaluations
+DAMPED = 32
 
 
 def by_short_trials(
@@ -255,10 +258,14 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             visible = piloted and not (driven or held or s.degenerate)
+            may_grow = int(grows and visible and not forces)
+            if may_grow and may_be_damped(system):
+                may_grow, pieces = 2, (pieces[0], first_piece(kernel, False) * DAMPED)
+                how = kernel, energy, forces, looks, rule.order, pieces
             looks_at = graded.stage_looks(system, rule) if visible else None
             # as many in either gear
             most = first_piece(kernel, False) if grows and visible and bends else 0
-            others = held, bends, looks_at, grows and visible and not forces, most
+            others = held, bends, looks_at, may_grow, most
             return refined_course(*how, body, turns, repeated, *others)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()

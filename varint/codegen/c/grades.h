@@ -1,7 +1,7 @@
 /* Steps of more than one size: longer ones where a motion settles. varint/integration/graded_steps.py says why; its numbers are
    `limits`. Nodes are counted, and shared by runs, as those of equal steps: every stretch has its steps times the same ratio. */
 #define PIECE 4   /* steps from one look to the next, or a multiple: a number that ratios of steps divide */
-#define GROWING 4 /* stretches of steps that grow at most */
+#define GROWING 16 /* stretches of steps that grow at most */
 
 /* Where a stretch begins: its first node, the time of that, and the size of its steps. */
 typedef struct { int64_t first; double t, h; } Begin;
@@ -68,13 +68,14 @@ typedef struct { int shown, quiet, smooth; } Seen;
 typedef struct {
     const double *heights; /* what makes the two highest Legendre coefficients of what its stages have, and so many of these */
     int64_t n, unknowns, stages, padded;
-    double quiet, wanted;
-    double *largest, *farthest; /* unknowns so far, and ways of coordinates in a step */
+    double quiet, wanted, begun, usual; /* begun: size of the first steps; usual: so many times as long are those of what lasts */
+    double *largest, *farthest; /* unknowns so far, and ways of coordinates in a first step, at their speeds */
 } Looked;
 
-/* How far it goes in so many steps whose rows these are: steps that pass more of a place than all before might miss what is
-   there. */
-static Seen ways_of(const Looked *a, const double *rows, int64_t steps) {
+/* How far it goes in so many steps whose rows these are: steps that pass more of a place than usual ones have before might miss what
+   is there. */
+static Seen ways_of(const Looked *a, const double *rows, int64_t steps, double h) {
+    const double longer = fabs(h / a->begun);
     Seen found = {1, 1, 1};
     for (int64_t d = 0; d < a->n; d++) {
         double far = 0;
@@ -82,8 +83,9 @@ static Seen ways_of(const Looked *a, const double *rows, int64_t steps) {
             const double way = fabs(rows[3 * a->n * (k + 1) + d] - rows[3 * a->n * k + d]);
             far = way > far ? way : far;
         }
-        found.shown &= far <= a->farthest[d], found.smooth &= 2 * far <= a->farthest[d];
-        a->farthest[d] = far > a->farthest[d] ? far : a->farthest[d];
+        if (a->usual > 1 && far / longer > a->farthest[d]) a->farthest[d] = far / longer; /* what lasts may have begun since */
+        found.shown &= far <= a->usual * a->farthest[d] || longer <= 1, found.smooth &= 2 * far <= a->usual * a->farthest[d];
+        if (far > a->farthest[d] && !(a->usual > 1)) a->farthest[d] = far;
     }
     return found;
 }
@@ -110,6 +112,6 @@ static Seen unknowns_of(const Looked *a, const double *carried, double h) {
 
 /* Both. */
 static Seen look_at(const Looked *a, const double *carried, double h, const double *rows, int64_t steps) {
-    const Seen one = unknowns_of(a, carried, h), other = ways_of(a, rows, steps);
+    const Seen one = unknowns_of(a, carried, h), other = ways_of(a, rows, steps, h);
     return (Seen){one.shown & other.shown, one.quiet, one.smooth & other.smooth};
 }

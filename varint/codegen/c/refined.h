@@ -27,7 +27,7 @@ typedef struct {
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     int64_t bend_looks;      /* so many */
     const double *heights;   /* those of grades.h; 0: stages are not looked at */
-    int64_t unknowns, stages, padded, grows; /* whether steps may grow */
+    int64_t unknowns, stages, padded, grows; /* whether steps may grow; 2: beyond what stiff dampers stop at once */
     Grades *grades;          /* 0: this is filled in here */
     int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
@@ -123,24 +123,32 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
     return 1;
 }
 
-/* A coarse run from the start whose steps grow where the motion settles, so many of them at most: `grades` are those it has found,
-   none where all are equal. */
-static int try_growing(const Refined *a, double wanted, int64_t steps, double coarser, Attempt *to) {
+/* How many times as long as the first steps those of the motion that lasts would be: first ones are for what dampers stop at once. */
+static double usual_steps(const Refined *a) {
+    const double lasting = a->radians / 2 > a->limits->fewest ? a->radians / 2 : a->limits->fewest;
+    return a->grows > 1 && (double)a->first > 2 * lasting ? (double)a->first / lasting : 1;
+}
+
+/* A coarse run from the start whose steps grow where the motion settles, no longer than that: `grades` are those it has found, none
+   where all are equal. */
+static int try_growing_to(const Refined *a, double wanted, int64_t steps, double coarser, double longest, Attempt *to) {
     const Limits *const l = a->limits;
-    const int64_t n = a->n;
-    const double level = level_for(a, wanted, steps), most = most_for(a, level, coarser), end = a->t0 + a->duration;
-    const double longest = l->turned / a->radians * fabs(a->duration);
+    const int64_t n = a->n, room = a->grows > 1 && steps > a->longest ? a->longest : steps;
+    const double usual = usual_steps(a), level = level_for(a, wanted, (int64_t)((double)steps / usual)),
+                 most = most_for(a, level, coarser), end = a->t0 + a->duration;
     Grades *const g = a->grades;
     to->steps = steps;
-    double *const carry = make_room(a, steps, to), begin[2 * n], largest[a->unknowns], farthest[n];
+    double *const carry = make_room(a, room, to), begin[2 * n], largest[a->unknowns], farthest[n];
     if (!carry) return 0;
-    const Looked looked = {a->heights, n, a->unknowns, a->stages, a->padded, l->quiet, l->smooth * a->tol, largest, farthest};
+    const Looked looked = {a->heights, n, a->unknowns, a->stages, a->padded, l->quiet, l->smooth * a->tol, a->duration / (double)steps,
+                           usual, largest, farthest};
     RunStats *const stats = (RunStats *)(carry + a->carry);
     begin_grades(g, steps, a->t0, a->duration);
     memcpy(begin, a->start, 2 * n * sizeof(double)), memset(largest, 0, sizeof largest), memset(farthest, 0, sizeof farthest);
     for (int64_t k = 0, next, quiet = 0; k < g->all; k = next) {
         const double h = g->at[g->count - 1].h;
         next = next_look(g, k);
+        if (next > room) return 0;
         if (!go_on(a, begin, a->t0, k, h, quiet ? level : level * coarser, most, k, next, carry, stats, 0, to)) break;
         if (next == g->all) continue;
         const Seen now = look_at(&looked, carry, h, to->rows + 3 * n * k, next - k);
@@ -151,6 +159,19 @@ static int try_growing(const Refined *a, double wanted, int64_t steps, double co
     }
     to->steps = g->all, to->ended = ended_after(g->all, a->t0, a->duration / g->all);
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * g->all, n) != 0;
+    return 1;
+}
+
+/* The same, and where long steps of what lasts do not show the motion, with shorter ones. */
+static int try_growing(const Refined *a, double wanted, int64_t steps, double coarser, Attempt *to) {
+    Grades *const g = a->grades;
+    double longest = a->limits->turned / a->radians * fabs(a->duration);
+    for (;;) {
+        if (!try_growing_to(a, wanted, steps, coarser, longest, to)) return 0;
+        const double last = fabs(g->at[g->count - 1].h);
+        if (!to->lost || g->count < 3 || !(usual_steps(a) > 1)) break;
+        longest = last / 2;
+    }
     if (g->count == 1) g->count = 0;
     return 1;
 }

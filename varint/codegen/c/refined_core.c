@@ -214,6 +214,7 @@ int refined(const Refined *asked) {
         const int result = prove(&own, grows, &runs), fitted = grades.at && grades.at != grades.own;
         if (fitted) free(grades.at), grades.at = 0, own.fitted = 0;
         if (!(fitted || grades.count) || result < PROVED) return result;
+        if (grows && usual_steps(asked) > 1) return NOT_SHORT; /* as many equal ones are not short */
         grades.count = grows = 0;
     }
 }
