@@ -28,9 +28,12 @@ LASTS = 20.0  # what falls by less than e to this in the whole duration
 
 
 def may_be_damped(system: System) -> bool:
-    """Whether forces on velocities may be stiff, in a scene that is looked at for this."""
+    """Whether forces on velocities may be stiff, in a scene that is looked at for this: steps grow
+    where nothing depends on time, and linear scenes have maps.
+    """
     s = system.structure
-    free = not (s.constraints or s.nonholonomic or s.contacts or s.degenerate or system.rays)
+    held = s.constraints or s.nonholonomic or s.contacts
+    free = s.autonomous and not (held or s.degenerate or s.linear or system.rays)
     return free and s.force_on_velocity and FEWEST <= s.n <= MOST_COORDINATES
 
 
@@ -73,7 +76,7 @@ def damped_turns(
     if not (np.isfinite(sizes[:, moving]).all() and scale > 0):
         return None
     seen = moving & (sizes.max(axis=0) > SEEN * tol * scale)
-    lasts = fast[-rates.real * abs(duration) < LASTS].max(initial=0.0)
+    lasts = fast[-rates.real * duration < LASTS].max(initial=0.0)  # backwards all grows
     turned = angle_turned(duration, float(lasts))
     return turned, max(turned, angle_turned(duration, float(fast[seen].max(initial=0.0))))
 

@@ -16,7 +16,7 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.damped_motions import may_be_damped
 from varint.integration.even_motion import Made
-from varint.integration.gears import Gears, gears_of
+from varint.integration.gears import BY_STAGES, Gears, gears_of
 from varint.integration.held_rows import is_held
 from varint.integration.linear_run import (
     MAPPED,
@@ -98,7 +98,8 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     rates = rates_to_follow(system) if varies and shows_its_error(system) else [NO_RATES]
     loops: list[Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
-    damped = not shows_its_error(system) and may_be_damped(system)
+    by_stages = rule is None or scheme_of(system, rule) is BY_STAGES
+    damped = by_stages and may_be_damped(system)
     last: tuple[bool, list[tuple[bytes, float | None]]] = damped, [(b"", 0.0)]
     return Known(n, rule, *begin, loops, varies, rates, by_momentum, held, *last)
 
