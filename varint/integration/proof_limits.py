@@ -24,6 +24,7 @@ _NAMES = (
     *("WATCHED", "FIRST_PART", "FEWEST", "SEEN_PARTS", "SLOW"),
     *("SAME_ROUNDING", "SAME_CHANCE", "SAME_STEP"),
 )
+_LAST = "STILL", "CONVERGES"
 
 _SHOWN = shown.CAUTION, shown.LESS, shown.NEARLY, shown.LEAST_ORDER, shown.TELLS
 
@@ -44,4 +45,5 @@ def proof_limits(
     own = {"SAMPLES": SAMPLES, "ATTEMPTS": attempts, "WATCHED": watched, "WAYS": ways}
     known = vars(limited) | vars(decided) | own
     others = POOR, SECULAR, LEVEL, closer, foreseen, hopeless, pairs, decided.BY_CHANCE, *_SHOWN
-    return np.array([*(float(known[x]) for x in _NAMES), *others, *QUANTILES])
+    last = (known[x] for x in _LAST)
+    return np.array([*(float(known[x]) for x in _NAMES), *others, *last, *QUANTILES])

@@ -49,6 +49,8 @@ MIDDLE = 2  # the index of one of them that a few rough nodes do not touch
 NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
 HOPELESS = 10.0  # times tol, that round-off makes: far out of reach, whatever the steps
 STILL = 1e-13  # of the energy: an error that is hardly more than round-off, mostly
+# of the difference before: three runs agree more and more, where energies tell nothing any more
+CONVERGES = 0.01
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
@@ -205,6 +207,9 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             shrinkage = max(shrinkage, left_by_order(previous, apart, ratio, p, FLOOR))
         if (short or apart > STALLED * before) and rounded > tol:
             break
+        converges = apart < CONVERGES * before < math.inf
+        if shrinkage is None and converges and fine.swing[MIDDLE] < STILL:
+            shrinkage = NOT_WORSE  # of energies nothing is left but round-off, which grows
         if shrinkage is None:
             expected = max(_expected(course, fine), apart)
             if doubted or not expected <= LOST:

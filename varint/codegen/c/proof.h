@@ -9,7 +9,7 @@ typedef struct {
         stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
         uneven, chance, grows, ways, parted, far_below, magnified, again;
     double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, same_rounding, same_chance,
-        same_step, poor, secular, level, closer, foreseen, hopeless, pairs, by_chance, sure_of_order, less_of_order, nearly, least_order, tells;
+        same_step, poor, secular, level, closer, foreseen, hopeless, pairs, by_chance, sure_of_order, less_of_order, nearly, least_order, tells, still, converges;
     double quantiles[QUANTILES];
 } Limits;
 

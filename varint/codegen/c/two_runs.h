@@ -161,6 +161,8 @@ static int prove(const Case *a, Attempt coarse, Attempt fine) {
         const int stalls = apart > l->stalled * before;
         if (l->ways < 1 && rounded > a->tol && stays_behind(a, &coarse.seen, &fine.seen, before, apart)) goto end; /* as elsewhere */
         if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
+        const int converges = before < INFINITY && apart < l->converges * before;
+        if (left != left && converges && fine.seen.swing[MIDDLE] < l->still) left = l->not_worse;
         const int shrinks = left == left;
         compared++;
         if (shrinks && compared > 1 && l->pairs > 1) {
