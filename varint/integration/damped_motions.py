@@ -1,11 +1,10 @@
-"""How fast a motion turns where dampers are stiff: what they stop at once needs no steps.
+"""How fast a motion turns where dampers are stiff: what they stop at once takes few steps.
 
 Beside a damper that is stiffer than its spring a small motion has two rates, one far above its
 frequency without the damper and one far below. By the frequencies alone a beam of twenty elements
 with dampers in its joints begins with thousands of steps, none of which anything is seen in. Here
-the equations of motion are linear about the start: its velocities and accelerations are a sum of
-motions that go like exp(λ t), each with a size |c/λ|. Those whose size nobody sees are left out.
-What is seen is what first steps are for, and steps may grow to what lasts.
+the equations of motion are linear about the start: motions go like exp(λ t). First steps are for
+the fastest one, and steps may grow to what lasts.
 """
 
 from __future__ import annotations
@@ -15,15 +14,19 @@ import math
 import casadi as ca
 import numpy as np
 
-from varint.discrete.legendre import velocity_function
-from varint.integration.small_motions import MOST_COORDINATES, angle_turned
+from varint.integration.small_motions import (
+    MOST_COORDINATES,
+    angle_turned,
+    by_momentum,
+    frequency_of_columns,
+    local_function,
+)
 from varint.numerics.arrays import call
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-FEWEST = 7  # coordinates: small scenes take less time than this look
 STIFF = 2.0  # times as fast as the fastest frequency must dampers be
-SEEN = 0.1  # of the wanted error: sizes of motions that are looked at
+FAST = 50.0  # radians that they turn by at least: less takes no more time than this look
 LASTS = 20.0  # what falls by less than e to this in the whole duration
 
 
@@ -34,65 +37,63 @@ def may_be_damped(system: System) -> bool:
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts
     free = s.autonomous and not (held or s.degenerate or s.linear or system.rays)
-    return free and s.force_on_velocity and FEWEST <= s.n <= MOST_COORDINATES
+    return free and s.force_on_velocity and s.n <= MOST_COORDINATES
+
+
+def are_stiff(local: np.ndarray, n: int, duration: float, turned: float) -> bool:
+    """Whether forces stop something sooner than the fastest frequency without them turns, by so
+    much in the duration. By what `look_function` gives, one behind the other.
+    """
+    numbers = local.tolist()
+    rate = frequency_of_columns(numbers[: n * n], numbers[2 * n * n :], n)
+    if rate is None or not rate < math.inf:
+        return False
+    return max(STIFF * turned, FAST) < rate * rate * abs(duration)
 
 
 def damped_turns(
-    system: System,
-    q: np.ndarray,
-    p: np.ndarray,
-    t: float,
-    c: np.ndarray,
-    duration: float,
-    tol: float,
-    fastest: float,
+    system: System, q: np.ndarray, p: np.ndarray, t: float, c: np.ndarray, duration: float
 ) -> tuple[float, float] | None:
-    """By how much the motions that last turn in the duration, and the fastest one that is seen.
-
-    None where no damper is stiff, or this cannot be told. `fastest` is the frequency without
-    dampers.
+    """By how much the motions that last turn in the duration, and the fastest one; None where this
+    cannot be told.
     """
-    mass, places, speeds, v, push = (
-        x.reshape(-1, len(q)).T for x in call(_linear(system), q, p, np.array((t,)), c)
-    )
+    n = len(q)
+    mass, *slopes = (x.reshape(n, n).T for x in call(_linear(system), q, p, np.array((t,)), c))
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[range(n), range(n, 2 * n)] = 1.0
     try:
-        damped = np.linalg.solve(mass, speeds)
-        if not STIFF * fastest < np.abs(damped).sum(axis=1).max(initial=0.0) < math.inf:
-            return None
-        n, sprung = len(q), np.linalg.solve(mass, places)
-        matrix = np.block([[np.zeros((n, n)), np.eye(n)], [sprung, damped]])
-        rates, ways = np.linalg.eig(matrix)
-        begins = np.concatenate((v.ravel(), np.linalg.solve(mass, push).ravel()))
-        parts = np.linalg.solve(ways, begins)
+        matrix[n:] = np.linalg.solve(mass, np.hstack(slopes))
+        rates = np.linalg.eigvals(matrix)
     except np.linalg.LinAlgError:
         return None
     fast = np.abs(rates)
-    if not STIFF * fastest < fast.max():
-        return None
-    with np.errstate(all="ignore"):
-        sizes = np.abs(ways[:n] * parts) / fast
-    moving = fast * abs(duration) > 1
-    scale = np.abs(q).max() + sizes[:, moving].max(initial=0.0)
-    if not (np.isfinite(sizes[:, moving]).all() and scale > 0):
-        return None
-    seen = moving & (sizes.max(axis=0) > SEEN * tol * scale)
     lasts = fast[-rates.real * duration < LASTS].max(initial=0.0)  # backwards all grows
-    turned = angle_turned(duration, float(lasts))
-    return turned, max(turned, angle_turned(duration, float(fast[seen].max(initial=0.0))))
+    return angle_turned(duration, float(lasts)), angle_turned(duration, float(fast.max()))
 
 
 @per_scene
 def _linear(system: System) -> ca.Function:
-    """(q, p, t, c) → M, ∂(M a)/∂q, ∂(M a)/∂v, v and M a, as columns: Lagrange's equations."""
-    s, n = system, system.structure.n
-    force = ca.substitute(s.force, s.control, 0 * s.control)
+    """(q, p, t, c) → M, ∂(M a)/∂q and ∂(M a)/∂v by Lagrange's equations."""
+    s = system
     inertial = ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
-    push = ca.gradient(s.lagrangian, s.q) + force - inertial
+    push = ca.gradient(s.lagrangian, s.q) + _uncontrolled(s) - inertial
     slopes = [s.mass_matrix, ca.jacobian(push, s.q), ca.jacobian(push, s.v)]
-    outputs = [*map(ca.densify, slopes), s.v, ca.densify(push)]
-    by_speed = ca.Function("linear", [s.q, s.v, s.t, s.c], outputs)
-    velocity = velocity_function(system)
-    symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym
-    q, p, t, c = (symbol(x, k) for x, k in zip("qptc", (n, n, 1, s.c.numel()), strict=True))
-    found = by_speed(q, velocity(q, p, t, c), t, c)
-    return ca.Function("linear", [q, p, t, c], found)
+    function = ca.Function("linear", [s.q, s.v, s.t, s.c], [ca.densify(x) for x in slopes])
+    return by_momentum(s, function)
+
+
+@per_scene
+def look_function(system: System) -> ca.Function:
+    """(q, p, t, c) → M and ∂(∂L/∂q + F)/∂q with `turning`, and ∂F/∂v where dampers may be stiff;
+    of v in the place of p where momenta do not tell of it.
+    """
+    s, found = system, local_function(system)
+    if may_be_damped(s):
+        at = s.q, s.v, s.t, s.c
+        damping = ca.densify(ca.jacobian(_uncontrolled(s), s.v))
+        found = ca.Function("local", at, [*found.call(at), damping])
+    return by_momentum(s, found) if s.structure.quadratic_kinetic else found
+
+
+def _uncontrolled(system: System) -> ca.SX:
+    return ca.substitute(system.force, system.control, 0 * system.control)

@@ -16,8 +16,8 @@ from varint.codegen.few_steps import TOLD, UNTOLD, Place, Typical, place_of
 from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import Places, places_of
 from varint.discrete.legendre import velocity_function
+from varint.integration.damped_motions import look_function, may_be_damped
 from varint.integration.held_rows import is_held, momentum_put_on_rows
-from varint.integration.small_motions import local_function, local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
 from varint.numerics.arrays import call, is_clearly_definite, trigger_on
 from varint.scene.inputs import vector
@@ -51,7 +51,8 @@ class Room:
     values : array
         p, ∂L/∂q + F, L and M, by `begin`; p lies behind q, which is there a second time for that.
     local : array
-        M and the derivatives of forces by coordinates, by `look`.
+        M and the derivatives of forces by coordinates, and where dampers may be stiff those by
+        velocities, by `look`.
     block : memoryview
         All of it.
     pack : callable
@@ -180,20 +181,20 @@ def rooms(system: System, looks: bool) -> list[Room]:
 def room_of(system: System, looks: bool) -> Room:
     """A room for the scene, whose functions are made of symbols alone."""
     n, many = system.structure.n, system.c.numel()
-    sizes = n, n, 1, n, 2 * n + 1 + n * n, 2 * n * n, TOLD, many
+    looked = (3 if may_be_damped(system) else 2) * n * n
+    sizes = n, n, 1, n, 2 * n + 1 + n * n, looked, TOLD, many
     ends = np.cumsum(sizes).tolist()
     block = np.zeros(ends[-1])
     q, v, t, _, values, local, told, c = np.split(block, ends[:-1])
     at, mass_at, told_at, c_at = (address_of(block) + 8 * ends[i] for i in (2, 4, 5, 6))
     u = np.zeros(system.structure.controls)
     begin, one = trigger_on(start_function(system), (q, v, u, t, c), (values,))
-    look, other, half = None, (), n * n
+    look, other = None, ()
     if looks:
-        if system.structure.quadratic_kinetic:
-            of, at_start = local_function_of_momentum(system), values[:n]
-        else:
-            of, at_start = local_function(system), v
-        look, other = trigger_on(of, (q, at_start, t, c), (local[:half], local[half:]))
+        at_start = values[:n] if system.structure.quadratic_kinetic else v
+        look, other = trigger_on(
+            look_function(system), (q, at_start, t, c), tuple(local.reshape(-1, n * n))
+        )
     put_on_rows, rows = None, ()
     if is_held(system):
         put_on_rows, rows = momentum_put_on_rows(

@@ -24,7 +24,7 @@ from varint.codegen.two_runs import (
     Rates,
     runs_made,
 )
-from varint.integration.damped_motions import damped_turns
+from varint.integration.damped_motions import are_stiff, damped_turns
 from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
 from varint.integration.linear_run import MAPPED, is_one_map
@@ -107,20 +107,25 @@ def short_call(
         seen = room.seen
         if seen is None or seen[2] != duration or seen[3] != t0:
             check_steps(t0, duration, 1)
-        pilot, turned = seen_in(
-            room, system, known, begin, t0, c, duration, None if events else tol
-        )
+        grows = known.damped and not events
+        pilot, turned, plain = seen_in(room, system, known, begin, t0, c, duration, grows)
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
             rates = known.rates
             found = by_the_core(
                 system, known, room, c, t0, duration, tol, turned, began, rates, watched, times
             )  # not by a tuple, whose time counts
+            if type(found) is not Trajectory and turned is not plain:
+                runs, turned = runs_made(room.places), plain  # steps did not grow to what lasts
+                how = system, known, room, c, t0, duration, tol, turned, began
+                found = by_the_core(*how, rates, watched, times)
+                if type(found) is Trajectory:
+                    return with_stats(found, runs=runs + found.stats["runs"])
             if type(found) is not int or found < VARIES:
                 return found
             if watched is not None:
                 return None
-            runs = runs_made(room.places)
+            runs += runs_made(room.places)
             pilot = seen_along(system, begin, t0, c, duration, found - VARIES)
             if pilot is None:
                 how = system, known, room, c, t0, duration, tol, turned, began
@@ -152,27 +157,27 @@ def seen_in(
     t0: float,
     c: np.ndarray,
     duration: float,
-    tol: float | None = None,
-) -> tuple[RatePilot | None, tuple[float, float]]:
-    """A pilot if steps should vary, and else how far the fastest motions turn: at the start, and
-    where the first steps are for; those that last and those that are seen, where steps may grow to
-    `tol`. What was seen from the start that is there is remembered.
+    grows: bool = False,
+) -> tuple[RatePilot | None, tuple[float, float], tuple[float, float]]:
+    """A pilot if steps should vary, and else how far the fastest motions turn: those that last, or
+    at the start, and what the first steps are for; and the same without dampers, the same object
+    where none are stiff or steps do not grow. What was seen from the start that is there is
+    remembered.
     """
     seen, there = room.seen, room.known
-    if seen is not None and known.damped and seen[6] != tol:
-        seen = None
-    if seen is None or seen[0] is not there or seen[1] is not known or seen[2] != duration:
+    as_before = seen is not None and seen[0] is there and seen[1] is known and seen[6] is grows
+    if seen is None or not as_before or seen[2] != duration:
         assert room.look is not None
         room.look()
         ahead = seen_ahead(system, begin, t0, c, duration) if known.varies else NOTHING
         fastest = fastest_of(known.n, known.last, room.local)
-        turned = angles_turned(duration, fastest, ahead.frequency)
-        if known.damped and tol is not None and fastest is not None:
-            state = room.q.copy(), room.values[: room.n].copy(), t0, c, duration
-            turned = damped_turns(system, *state, tol, fastest) or turned
-        seen = there, known, duration, t0, ahead.pilot, turned, tol
+        turned = plain = angles_turned(duration, fastest, ahead.frequency)
+        if grows and are_stiff(room.local, known.n, duration, turned[0]):
+            state = room.q.copy(), room.values[: room.n].copy(), t0, c
+            turned = damped_turns(system, *state, duration) or turned
+        seen = there, known, duration, t0, ahead.pilot, turned, grows, plain
         room.seen = None if there is None else seen
-    return seen[4], seen[5]
+    return seen[4], seen[5], seen[7]
 
 
 def by_the_core(

@@ -157,6 +157,6 @@ def fastest_of(
     numbers, last = local.tobytes(), remembered[0]
     if last[0] != numbers:
         columns, half = local.tolist(), n * n
-        last = numbers, frequency_of_columns(columns[:half], columns[half:], n)
+        last = numbers, frequency_of_columns(columns[:half], columns[half : 2 * half], n)
         remembered[0] = last
     return last[1]

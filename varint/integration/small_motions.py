@@ -247,9 +247,14 @@ def turning(system: System) -> ca.SX:
 @per_scene
 def local_function_of_momentum(system: System) -> ca.Function:
     """(q, p, t, c) → the same."""
+    return by_momentum(system, local_function(system))
+
+
+def by_momentum(system: System, function: ca.Function) -> ca.Function:
+    """(q, p, t, c) → what a function of (q, v, t, c) is there."""
     n, velocity = system.structure.n, velocity_function(system)
     symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym
     sizes = (n, n, 1, system.c.numel())
     q, p, t, c = (symbol(x, k) for x, k in zip("qptc", sizes, strict=True))
-    found = local_function(system)(q, velocity(q, p, t, c), t, c)
-    return ca.Function("local", [q, p, t, c], found)
+    found = function.call([q, velocity(q, p, t, c), t, c])
+    return ca.Function(function.name(), [q, p, t, c], found)

@@ -57,7 +57,7 @@ def call_until(
         runs, divided = 0, _pieces_in(room, known, t0, duration)
         looked = Watched(*watched, p0 is not None, len(divided) == 1)
         for piece in divided:
-            pilot, turned = seen_in(room, system, known, begin, t0, c, piece)
+            pilot, turned, _ = seen_in(room, system, known, begin, t0, c, piece)
             if pilot is not None:
                 return None
             how = system, known, room, c, t0, piece, tol, turned, began
