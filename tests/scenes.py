@@ -94,6 +94,24 @@ def cartesian_pendulum(gravity=9.81) -> vi.System:
     return vi.System(q, v, ca.sumsqr(v) / 2 - gravity * q[1], constraint=ca.sumsqr(q) - 1)
 
 
+def resting_chain() -> vi.System:
+    """Nine links, every second one light, that stiff springs and dampers bring to rest within
+    seconds: of its speeds nothing is left but round-off of the springs.
+    """
+    q, v = vi.coordinates(*[f"a{i}" for i in range(9)])
+    kinetic = height = vx = vy = y = 0
+    for i in range(9):
+        mass = 3.0 if i % 2 else 0.03
+        vx, vy = vx + 0.3 * ca.cos(q[i]) * v[i], vy + 0.3 * ca.sin(q[i]) * v[i]
+        y = y - 0.3 * ca.cos(q[i])
+        kinetic += mass / 2 * (vx**2 + vy**2) + mass * 0.00375 * v[i] ** 2
+        height += mass * y
+    pull = -600 * (v - ca.vertcat(0, v[:-1]))
+    springs = -1000 * (q - np.linspace(-0.8, 0.8, 9)) - 3 * v
+    force = springs + pull - ca.vertcat(pull[1:], 0)
+    return vi.System(q, v, kinetic - 9.81 * height, force=force)
+
+
 def damped_beam(elements: int = 10) -> vi.System:
     """A cantilever of stiff links whose joints are damped: rates of 13 to 5000."""
     q, v = vi.coordinates(*[f"a{i}" for i in range(elements)])

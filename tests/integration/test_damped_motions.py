@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from scenes import damped_beam
+from scenes import damped_beam, resting_chain
 from scipy.integrate import solve_ivp
 
 import varint as vi
@@ -144,3 +144,16 @@ def test_a_spring_that_is_met_late_is_resolved():
         for k in (at, len(motion) - 1):
             there = fine.at([motion.t[k]]).q[0]
             assert np.abs(motion.q[k] - there).max() < tol
+
+
+@pytest.mark.parametrize("tol", (1e-3, 1e-6, 1e-9))
+def test_what_comes_to_rest_takes_few_steps(tol):
+    """A million at 1e-9 before, half a minute."""
+    system, still = resting_chain(), np.zeros(9)
+    motion = vi.simulate(system, q0=still, v0=still, duration=20.0, tol=tol)
+    assert len(motion) < 1500 and motion.stats["error_estimate"] <= tol
+    late = np.flatnonzero(motion.t > 0.1)[0]
+    for k in (1, 4, 9, 25, late, late + 30):
+        h = motion.t[k] / 4000
+        early = vi.simulate(system, vi.gauss(8), q0=still, v0=still, h=h, steps=4000)
+        assert np.abs(motion.q[k] - early.q[-1]).max() < tol

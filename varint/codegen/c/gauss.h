@@ -91,6 +91,7 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define IDLE 4   /* looks that find no change half as large as the best: larger ones may be round-off of what cancels */
 #define LONG_IDLE 16 /* where they are much larger: slow contraction, too, now and then takes a few looks without one */
+#define MANY_LOOKS 8 /* after which last digits need not stop shrinking in all rows at once */
 #define NOISE 1e-10 /* of a row: what is larger is none (RESIDUAL_LIMIT of varint/discrete/tolerances.py) */
 #define DRIFTS 3 /* changes since then that add up to so many: no round-off, which goes to and fro, but slow contraction */
 #define SMALL_WORK 1e-9 /* of a change that no longer shrinks, beside the action of the step: round-off of large momenta */
@@ -183,6 +184,7 @@ typedef struct {
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
 typedef struct {
     double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, off, best[MOST_ROWS];
+    const double *faint; /* what is a last digit, row by row; 0: that is not known */
     int checks, stalled, idle[MOST_ROWS];
     Unknowns from; /* each row where its best change was, or where it was last seen to go on and on */
     int64_t most; /* evaluations that a step takes; 0: it is iterated with patience */

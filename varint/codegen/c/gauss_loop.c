@@ -54,16 +54,19 @@ INLINE int is_too_slow(const Change *c, double now, double level, int64_t left) 
 
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
    2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. What is
-   left of a row is told by the size that it is judged by. */
+   left of a row is told by the size that it is judged by. Of many rows now and then one has a smaller last digit by chance: after
+   many looks that tells nothing. */
 APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
     const V(*const x)[VECTORS] = s->x;
+    const int long_since = !LEGENDRE_ITERATIONS && c->faint && c->checks >= MANY_LOOKS;
     int all = 1;
     double worst = 0;
     c->left = 0;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
+        const int rests = long_since && now <= c->faint[r];
         if (now < 0.5 * c->best[r]) {
-            c->best[r] = now, c->idle[r] = now > NEAR * size ? 0 : c->idle[r];
+            c->best[r] = now, c->idle[r] = now > NEAR * size && !rests ? 0 : c->idle[r];
             memcpy(c->from[r], fresh[r], sizeof c->from[r]);
         } else c->idle[r] += 1;
         for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
@@ -71,12 +74,12 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         double left = now / (size + 1e-300);
         if (!settled && !LEGENDRE_ITERATIONS && c->idle[r] >= IDLE) { /* neither shrinks nor goes on in one direction */
             const int by_size = now <= (c->idle[r] >= LONG_IDLE ? NOISE : 1e-12) * size, by_most = now <= 1e-13 * most;
-            settled = by_size || by_most || is_unseen(s, fresh, r);
+            settled = by_size || by_most || rests || is_unseen(s, fresh, r);
             if (settled) left = by_most ? now / most : by_size ? left : EPS;
-            if (settled && largest(change_of(fresh[r], c->from[r])) > DRIFTS * now) {
+            if (settled && !rests && largest(change_of(fresh[r], c->from[r])) > DRIFTS * now) {
                 c->best[r] = now, settled = c->idle[r] = 0;
                 memcpy(c->from[r], fresh[r], sizeof c->from[r]);
-            } else if (settled && now < c->best[r]) c->best[r] = now, settled = 0;
+            } else if (settled && !rests && now < c->best[r]) c->best[r] = now, settled = 0;
         }
         c->left = left > c->left ? left : c->left;
         worst = now * c->inverse[r] > worst ? now * c->inverse[r] : worst;
@@ -221,12 +224,12 @@ APART void restore(Run *r, const RunArguments *a) {
     const Step *const s = &r->now;
     prepare(a->c, r->w);
     set_size(r, h);
-    r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0;
+    r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0, r->change.faint = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
     r->now.taken = r->next.taken = r->taken;
-    memset(&r->slopes, 0, sizeof r->slopes);
+    memset(&r->slopes, 0, SLOPES_TOLD * sizeof(double)), r->slopes.room = 0;
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
         const double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
@@ -288,7 +291,7 @@ INLINE int solve(Run *r, int64_t k) {
     c->most = r->most;
     for (int tried[2] = {0}, goes_on = 0;;) {
         const int improved = IMPROVES && slopes->left > 0;
-        c->checks = 0, c->off = 0;
+        c->checks = 0, c->off = 0, c->faint = improved ? FAINT(slopes) : 0;
         if (improved && r->now.count > 1) r->iterations += r->now.count - 1, r->now.count = 1; /* begun without slopes */
         if (!r->now.count && improved && r->known) begin_improved(r);
         if (improved && slopes->renew > 0) renew_slopes(r, k);
@@ -345,6 +348,7 @@ INLINE int accept(Run *r) {
     double *const y = r->y, *const rest = r->rest, old[2 * MOST_N], lost[2 * MOST_N], sums[3 * MOST_ROWS];
     /* where already the first look saw nothing but round-off, the next step looks earlier */
     r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count - spare(c, r->level, r->now.count);
+    if (IMPROVES && r->slopes.left > 0 && c->checks == 1 && r->now.count > 2 * GROWN_OLD) r->expected = r->now.count / 2; /* nobody has looked sooner */
     r->most_iterations = r->now.count > r->most_iterations ? r->now.count : r->most_iterations;
     if (r->tried < 2 * TRIAL && r->known > 1 && !(r->slopes.left > 0)) count_trial(r);
     if (IMPROVES) plan_slopes(r);

@@ -55,7 +55,8 @@ static int64_t farthest(const Refined *a) { return (int64_t)a->limits->farther *
 /* Room for so many steps of a run, and what it carries on; 0 where there is none. */
 static double *make_room(const Refined *a, int64_t count, Attempt *to) {
     const int64_t n = a->n, told = 3 * n + sizeof(RunStats) / sizeof(double);
-    if (count > (a->fitted && a->grades->count ? farthest(a) : a->longest)) return 0;
+    const int fitted = a->fitted && a->grades->count && a->grades->at != a->grades->own;
+    if (count > (fitted ? farthest(a) : a->longest)) return 0;
     const int64_t noted = room_of_notes(a->folds), used = room_of_controls(&a->table, to->steps, count),
                   fixed = 3 * n * (count + 1) + a->carry + told + noted + used;
     to->rows = memory_for(fixed + (to->looks ? 2 * a->unknowns * count : 0), to->rows, to->own);

@@ -183,13 +183,16 @@ static void take_slopes(Run *r, int64_t k, const double *q, const double *z, dou
 }
 
 /* Sizes of a place and of its momenta or speeds, by which slopes are taken: of a number and of how far it moves in a step. */
-INLINE void sizes_there(const Run *r, const double *q, const double *z, double *size) {
+INLINE void sizes_there(Run *r, const double *q, const double *z, double *size) {
     const double *const scale = r->change.scale;
-    double most = 0;
+    double most = 0, *const largest = r->slopes.sizes;
     for (int d = 0; d < N; d++) most = fabs(q[d]) > most ? fabs(q[d]) : most;
     for (int c = 0; c < 2 * N; c++) {
         size[c] = c < N ? fabs(q[c]) + scale[c] : fabs(z[c - N]) + (FORM == 2 ? scale[c - N] / fabs(r->h) : scale[c]);
         if (!(size[c] > 0)) size[c] = most > 0 ? most : 1;
+        if (r->known && size[c] > largest[c]) largest[c] = size[c]; /* of a fresh start by a guess */
+        const double least = RESTS * largest[c];
+        size[c] = least > size[c] ? least : size[c];
     }
 }
 
@@ -210,6 +213,23 @@ INLINE int outgrown(const Run *r, double *size) {
     return any;
 }
 
+/* What last digits of coordinates make of forces or accelerations, and these of coordinates: the most of each kind. */
+INLINE void set_faint(Slopes *s, const double *q) {
+    double of_coordinates = 0, most = 0;
+    for (int i = N * (UNKNOWNS_EACH - 1); i < ROWS; i++) {
+        double sum = 0;
+        for (int d = 0; d < N; d++) sum += fabs(s->of_places[i * ROWS + d] * q[d]);
+        most = EPS * sum > most ? EPS * sum : most;
+    }
+    for (int i = 0; i < N; i++) {
+        double sum = 0;
+        for (int j = N; j < ROWS; j++) sum += fabs(s->of_places[i * ROWS + j]);
+        sum = EPS * fabs(q[i]) + sum * most;
+        of_coordinates = sum > of_coordinates ? sum : of_coordinates;
+    }
+    for (int i = 0; i < ROWS; i++) FAINT(s)[i] = UNKNOWNS_EACH > 1 && i < N ? of_coordinates : most;
+}
+
 /* Slopes in the middle of the step k, where its unknowns put it; of a fresh start, where it begins. */
 APART void renew_slopes(Run *r, int64_t k) {
     const Step *const s = &r->now;
@@ -227,7 +247,7 @@ APART void renew_slopes(Run *r, int64_t k) {
     sizes_there(r, q, z, size);
     take_slopes(r, k, q, z, t_there, size);
     if (outgrown(r, size)) take_slopes(r, k, q, z, t_there, size);
-    invert(r);
+    set_faint(&r->slopes, q), invert(r);
     r->slopes.renew = 0, r->slopes.there = 1;
 }
 

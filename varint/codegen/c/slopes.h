@@ -22,6 +22,7 @@
 #define REST 64     /* plain steps until slopes are, and each time four times as many */
 #define LASTING (1 << 20)
 #define APART_BY 0x1p-25 /* of a number and of how far it moves in a step: differences of slopes */
+#define RESTS 0x1p-12     /* of the largest size on the way: less is round-off, or soon will be */
 #define OUTGROWN 0x1p16  /* times its size that a number moves: round-off of its differences begins to count */
 
 typedef double Pairs __attribute__((vector_size(32)));
@@ -31,7 +32,9 @@ typedef struct {
     double plain, rest;       /* plain steps to come before slopes are tried again, and of them in all */
     double was, spent, made;  /* evaluations of the plain step before those with slopes, and of theirs; how many these are */
     double renew, there;      /* are they to be taken anew, or were they? */
-#define SLOPES_TOLD 9     /* these numbers */
+    double sizes[4 * MOST_N]; /* the largest by which they were taken on the way, and what last digits of coordinates make of rows */
+#define SLOPES_TOLD (9 + 4 * N) /* these numbers */
+#define FAINT(s) ((s)->sizes + 2 * N)
     double *of_places, *of_speeds; /* h J; or h^2 da/dq and h da/dv */
     /* Of every element of the inverse, mode by mode where unknowns have the real parts of modes, and then where these have the
        imaginary ones: what multiplies that part, and what the other one. */
