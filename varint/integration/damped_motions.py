@@ -44,11 +44,17 @@ def are_stiff(local: np.ndarray, n: int, duration: float, turned: float) -> bool
     """Whether forces stop something sooner than the fastest frequency without them turns, by so
     much in the duration. By what `look_function` gives, one behind the other.
     """
-    numbers = local.tolist()
-    rate = frequency_of_columns(numbers[: n * n], numbers[2 * n * n :], n)
+    numbers, size = local.tolist(), n * n
+    mass, damping, limit = numbers[:size], numbers[2 * size :], max(STIFF * turned, FAST)
+    inertia = mass[:: n + 1]
+    if sum(map(abs, mass)) == sum(inertia):  # each alone: sums of rows bound the rate
+        rows = (sum(map(abs, damping[i::n])) / m for i, m in enumerate(inertia) if m)
+        if not limit < max(rows, default=0.0) * abs(duration):
+            return False
+    rate = frequency_of_columns(mass, damping, n)
     if rate is None or not rate < math.inf:
         return False
-    return max(STIFF * turned, FAST) < rate * rate * abs(duration)
+    return limit < rate * rate * abs(duration)
 
 
 def damped_turns(
