@@ -18,8 +18,10 @@ from varint.integration.small_motions import (
     MOST_COORDINATES,
     angle_turned,
     by_momentum,
+    damping_function,
     frequency_of_columns,
     local_function,
+    uncontrolled,
 )
 from varint.numerics.arrays import call
 from varint.scene.memory import per_scene
@@ -82,7 +84,7 @@ def _linear(system: System) -> ca.Function:
     """(q, p, t, c) → M, ∂(M a)/∂q and ∂(M a)/∂v by Lagrange's equations."""
     s = system
     inertial = ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
-    push = ca.gradient(s.lagrangian, s.q) + _uncontrolled(s) - inertial
+    push = ca.gradient(s.lagrangian, s.q) + uncontrolled(s) - inertial
     slopes = [s.mass_matrix, ca.jacobian(push, s.q), ca.jacobian(push, s.v)]
     function = ca.Function("linear", [s.q, s.v, s.t, s.c], [ca.densify(x) for x in slopes])
     return by_momentum(s, function)
@@ -96,10 +98,5 @@ def look_function(system: System) -> ca.Function:
     s, found = system, local_function(system)
     if may_be_damped(s):
         at = s.q, s.v, s.t, s.c
-        damping = ca.densify(ca.jacobian(_uncontrolled(s), s.v))
-        found = ca.Function("local", at, [*found.call(at), damping])
+        found = ca.Function("local", at, [*found.call(at), damping_function(s).call(at)[1]])
     return by_momentum(s, found) if s.structure.quadratic_kinetic else found
-
-
-def _uncontrolled(system: System) -> ca.SX:
-    return ca.substitute(system.force, system.control, 0 * system.control)

@@ -192,7 +192,8 @@ def decay_rates_at(
     if not s.forced or s.degenerate or n > MOST_COORDINATES:
         return np.empty(0)
     mass, damping = (
-        x.reshape(-1, n, n).transpose(0, 2, 1) for x in over_columns(_damping(system), q, v, t, c)
+        x.reshape(-1, n, n).transpose(0, 2, 1)
+        for x in over_columns(damping_function(system), q, v, t, c)
     )
     both = zip(mass, damping, strict=True)
     some = [(m, d) for m, d in both if np.isfinite(m).all() and np.isfinite(d).all()]
@@ -201,10 +202,10 @@ def decay_rates_at(
 
 
 @per_scene
-def _damping(system: System) -> ca.Function:
+def damping_function(system: System) -> ca.Function:
+    """(q, v, t, c) → M and ∂F/∂v."""
     s = system
-    force = ca.substitute(s.force, s.control, 0 * s.control)
-    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(force, s.v))]
+    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(uncontrolled(s), s.v))]
     return ca.Function("damping", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
 
 
@@ -222,13 +223,16 @@ def local_matrices(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 def local_function(system: System) -> ca.Function:
     """(q, v, t, c) → M and ∂(∂L/∂q + F)/∂q with `turning`."""
     s = system
-    generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(
-        s.force, s.control, 0 * s.control
-    )
+    generalised_force = ca.gradient(s.lagrangian, s.q) + uncontrolled(s)
     stiffness = ca.jacobian(generalised_force, s.q) + turning(system)
     outputs = [ca.densify(s.mass_matrix), ca.densify(stiffness)]
     # looking for equal operations takes fifty times as long as making the function of all of them
     return ca.Function("local", [s.q, s.v, s.t, s.c], outputs)
+
+
+def uncontrolled(system: System) -> ca.SX:
+    """The force where no controls act."""
+    return ca.substitute(system.force, system.control, 0 * system.control)
 
 
 def turning(system: System) -> ca.SX:
