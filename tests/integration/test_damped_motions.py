@@ -157,3 +157,20 @@ def test_what_comes_to_rest_takes_few_steps(tol):
         h = motion.t[k] / 4000
         early = vi.simulate(system, vi.gauss(8), q0=still, v0=still, h=h, steps=4000)
         assert np.abs(motion.q[k] - early.q[-1]).max() < tol
+
+
+@pytest.mark.parametrize("tol", (1e-4, 1e-9))
+@pytest.mark.parametrize("how", ({"progress": True}, {"backend": "compiled"}, {"backend": "native"}))
+def test_however_it_is_asked_for_the_steps_are_the_same(tol, how, capsys):
+    """131,072 equal steps with a progress bar or a backend before, 144 that grow without."""
+    q, v = vi.coordinates("x", "y")
+    push = -5000.0 * ca.vertcat(v[0] - v[1], v[1] - v[0])
+    energy = ca.sumsqr(q) / 2 + ca.sumsqr(q) ** 2 / 20
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=push)
+    asked = {"q0": [1.0, 0.2], "v0": [0.0, 0.0], "duration": 40.0, "tol": tol}
+    plain, other = vi.simulate(system, **asked), vi.simulate(system, **asked, **how)
+    assert len(plain) < 200 and plain.sizes is not None
+    for name in ("t", "q", "p", "sizes"):
+        assert getattr(plain, name).tobytes() == getattr(other, name).tobytes()
+    assert plain.stats["runs"] == other.stats["runs"]
+    capsys.readouterr()

@@ -27,6 +27,7 @@ from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays, rescues
+from varint.integration.damped_trials import by_damped_trials
 from varint.integration.failures import leap_over
 from varint.integration.known_at_start import fastest_at_start, stiff_at_start
 from varint.integration.linear_run import MAPPED, TURNS, is_one_map, runs_driven
@@ -80,6 +81,34 @@ def check_reach(tol: float) -> None:
             f"tol is the wanted error relative to the motion, between {LEAST_TOL:g} and "
             f"{MOST_TOL:g}; got {tol!r}"
         )
+
+
+def rule_for(
+    system: System,
+    rule: Rule | None,
+    start: InitialValueProblem,
+    turned: tuple[float, float],
+    tol: float,
+    backend: str,
+) -> Rule:
+    """The rule that is asked for, or the one that is likely to be cheapest where the motion turns
+    by so much, and what the first steps are for.
+    """
+    own, (radians, begin) = plan(system, rule).rule, turned
+    if rule is not None or start.u.shape[1] > 1:
+        return own
+    by_stages = runs_by_stages(system, gauss(8), backend)
+    compiled = backend == "compiled" or (
+        backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
+    )
+    rules = candidates(system, compiled, by_stages)
+    own = choose_rule(rules, begin, tol)
+    if start.steps > 1:  # of a table, in each of whose rows some steps are
+        own = choose_rule_for_rows(rules, start.steps, begin, tol)
+    once = (radians > TURNS and is_one_map(system, MAPPED)) or (
+        backend == "auto" and runs_driven(system)
+    )
+    return MAPPED if once else own
 
 
 def choose_steps(
@@ -140,19 +169,16 @@ def choose_steps(
         tables = system, rule, start, mass, tol, radians, backend, began
         if (shown := by_table_trials(*tables)) is not None:
             return shown
-    if rule is None and start.u.shape[1] <= 1:
-        by_stages = runs_by_stages(system, gauss(8), backend)
-        compiled = backend == "compiled" or (
-            backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
-        )
-        rules = candidates(system, compiled, by_stages)
-        own = choose_rule(rules, begin, tol)
-        if start.steps > 1:  # of a table, in each of whose rows some steps are
-            own = choose_rule_for_rows(rules, start.steps, begin, tol)
-        once = (radians > TURNS and is_one_map(system, MAPPED)) or (
-            backend == "auto" and runs_driven(system)
-        )
-        own = MAPPED if once else own
+
+    def choose(begin: float) -> Rule:
+        return rule_for(system, rule, start, (radians, begin), tol, backend)
+
+    alone = tried is None and scale is None and stop is None and start.steps == 1
+    if grows and alone and mass is not None:
+        dampers = system, choose, start, mass, tol, radians, backend, began
+        if (damped := by_damped_trials(*dampers)) is not None:
+            return damped
+    own = choose(begin)
     plainly = backend == "auto" and grows and stop is None and start.steps == 1
 
     def may_settle(least: tuple[float, float]) -> bool:

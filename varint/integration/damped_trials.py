@@ -1,0 +1,47 @@
+"""Runs for a wanted accuracy whose steps grow to what lasts beside stiff dampers, where more is
+asked for than `short_call` takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from varint.integration.choice import Choice
+from varint.integration.compiled_loop import scheme_of
+from varint.integration.damped_motions import are_stiff, damped_turns, look_function, may_be_damped
+from varint.integration.gears import BY_STAGES
+from varint.integration.problem import InitialValueProblem
+from varint.integration.short_trials import by_short_trials
+from varint.numerics.arrays import call
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+
+def by_damped_trials(
+    system: System,
+    choose: Callable[[float], Rule],
+    start: InitialValueProblem,
+    mass: np.ndarray,
+    tol: float,
+    radians: float,
+    backend: str,
+    began: float,
+) -> Choice | None:
+    """The choice that `short_call` makes beside stiff dampers, by the rule that is to be chosen for
+    so many radians of the first steps; None where no dampers are stiff, or steps do not grow.
+    """
+    if not (may_be_damped(system) and system.structure.quadratic_kinetic):
+        return None
+    state = start.q0, start.p0, start.t0, start.c
+    at = start.q0, start.p0, np.array((start.t0,)), start.c
+    local = np.concatenate(call(look_function(system), *at))
+    if not are_stiff(local, len(start.q0), start.h, radians):
+        return None
+    turned = damped_turns(system, *state, start.h)
+    if turned is None or scheme_of(system, rule := choose(turned[1])) is not BY_STAGES:
+        return None
+    trials = system, rule, start, mass, tol, turned, backend, began
+    found = by_short_trials(*trials, grows=True)
+    return found if isinstance(found, Choice) else None
