@@ -160,7 +160,9 @@ def test_what_comes_to_rest_takes_few_steps(tol):
 
 
 @pytest.mark.parametrize("tol", (1e-4, 1e-9))
-@pytest.mark.parametrize("how", ({"progress": True}, {"backend": "compiled"}, {"backend": "native"}))
+@pytest.mark.parametrize(
+    "how", ({"progress": True}, {"backend": "compiled"}, {"backend": "native"})
+)
 def test_however_it_is_asked_for_the_steps_are_the_same(tol, how, capsys):
     """131,072 equal steps with a progress bar or a backend before, 144 that grow without."""
     q, v = vi.coordinates("x", "y")

@@ -13,6 +13,7 @@ import numpy as np
 import varint.integration.bent_steps as bent
 import varint.integration.fitted_steps as fitted
 import varint.integration.graded_steps as graded
+import varint.integration.halved_steps as halved
 import varint.integration.hidden as hidden
 import varint.integration.narrow_places as narrow
 import varint.integration.refinement as searched
@@ -95,6 +96,7 @@ _REFINED = np.array(
         stages.BEGINS,
         stages.ROUND_OFF,
         limited.LATE * limited.LATELY,
+        *(halved.LOSSES, halved.MADE, halved.ROUGHLY, halved.SHARP, halved.FAINTLY),
     ]
 )
 

@@ -9,7 +9,8 @@ typedef struct {
         at_once, part_of_it, narrow_parts, uncertain, coarser, closely, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
         close, bent, sure, quiet, smooth, fewest, turned,
         low, clear, worth, least_runs, base, aimed, passable, halved, parts, farther,
-        counted, alike, told, faint, made, aim, longer, foreseen, clearly, extra, unresolved, least_made, most_unresolved, begins, round_off, late, repeated;
+        counted, alike, told, faint, made, aim, longer, foreseen, clearly, extra, unresolved, least_made, most_unresolved, begins, round_off, late,
+        losses, made_first, roughly, sharp, faintly, repeated;
 } Limits;
 
 typedef struct {

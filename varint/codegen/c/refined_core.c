@@ -25,6 +25,7 @@
 #include "refined.h"
 #include "refined_errors.h"
 #include "fitted.h"
+#include "halved.h"
 #include "refined_forces.h"
 #include "refined_stages.h"
 
@@ -42,13 +43,14 @@ static int hand_over_graded(const Refined *a, const Attempt *run, Proved *to) {
 }
 
 /* A proof by runs whose first one may have steps that grow, and those behind it so many times the same, or by some that are fitted to
-   where forces bend; `runs` counts them. */
-static int prove(const Refined *a, int grows, int64_t *made) {
+   where forces bend; `runs` counts them. Where runs are lost or forces bend, one may be halved, once, and those behind it so many times
+   the same. */
+static int prove(const Refined *a, int grows, int *halves, int64_t *made) {
     const Limits *const l = a->limits;
     double memory[2][SHORT];
     const int looks = a->heights && !a->table.rows;
     Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room), .looks = looks};
-    int result = NOT_SHORT, two = 0, stalls = 0, clear = 0;
+    int result = NOT_SHORT, two = 0, stalls = 0, clear = 0, halved = 0, losses = 0, many = 0; /* many: more steps seem to be needed than repay a look at bends */
     double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, uneven = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = a->table.rows ? a->first : (a->first + 3) / 4 * 4, runs = 0;
@@ -59,6 +61,9 @@ static int prove(const Refined *a, int grows, int64_t *made) {
         if (fits.equal && steps > farthest(a)) break;
         if (fits.equal && !two) {
             if (!try_divided(a, wanted, &now)) goto end;
+        } else if (halved && !two) {
+            if (!try_halving(a, wanted, steps, l->coarser, &now)) goto end;
+            halved = 0;
         } else if (!(grows && !runs ? try_growing(a, wanted, steps, l->coarser, &now)
                                     : try_whole(a, wanted, steps, ends, two ? 1 : l->coarser, &now)))
             goto end;
@@ -71,6 +76,7 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                 two = stalls = 0, growth = between = 1, last = shown = INFINITY;
                 continue;
             }
+            if (*halves && ++losses >= (int)l->losses && !a->grades->count) halved = 1, *halves = 0;
             runs -= l->repeated > 0; /* steps too long for a map, which was not made */
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
@@ -185,12 +191,18 @@ static int prove(const Refined *a, int grows, int64_t *made) {
                 two = stalls = 0, ratio = l->near, last = shown = INFINITY;
                 continue;
             }
+            many = (double)steps * cbrt(estimate / a->tol) > l->worth;
             const double next = off * pow(l->near, -l->caution * (double)a->order);
             const int closer = begins_well && has_nodes && !stalls && left_of(a, next, l->near, (double)a->order) <= a->tol;
             last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, l->near) ? l->near : l->far;
             if (by_stages < INFINITY && begins_well && has_nodes && !stalls) ratio = ratio_to(a, steps, by_stages, a->tol / between);
         } else if (now.seen)
-            clear = !plan_by_stages(a, &now, &ratio, &uneven);
+            clear = !plan_by_stages(a, &now, &ratio, &uneven), many = ratio > l->near;
+        if (*halves && many && !a->grades->count && runs <= 2 && bends_sharply(a, &now)) {
+            steps = (a->first + 3) / 4 * 4, halved = 1, *halves = 0;
+            two = stalls = clear = 0, growth = between = uneven = 1, ratio = l->near, last = shown = INFINITY;
+            continue;
+        }
         const Attempt older = before;
         before = now, now = older, two = 1, now.looks = looks && !clear, clear = 0;
         if (a->table.rows && steps % (2 * a->table.rows)) ratio = l->far; /* as many in each row */
@@ -208,11 +220,12 @@ int refined(const Refined *asked) {
     Refined own = *asked;
     own.grades = &grades;
     int64_t runs = 0;
-    int grows = own.grows && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
+    int halves = own.heights && !own.table.rows && !own.search.sought && !(own.limits->repeated > 0),
+        grows = own.grows && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
     if (own.search.sought) own.fitted = 0;
     for (;;) { /* until steps that differ have proved it, or equal ones are to */
-        const int result = prove(&own, grows, &runs), fitted = grades.at && grades.at != grades.own;
-        if (fitted) free(grades.at), grades.at = 0, own.fitted = 0;
+        const int could = halves, result = prove(&own, grows, &halves, &runs), fitted = grades.at && grades.at != grades.own;
+        if (fitted) free(grades.at), grades.at = 0, own.fitted = could > halves ? own.fitted : 0;
         if (!(fitted || grades.count) || result < PROVED) return result;
         if (grows && usual_steps(asked) > 1) return NOT_SHORT; /* as many equal ones are not short */
         grades.count = grows = 0;
