@@ -176,3 +176,22 @@ def test_however_it_is_asked_for_the_steps_are_the_same(tol, how, capsys):
         assert getattr(plain, name).tobytes() == getattr(other, name).tobytes()
     assert plain.stats["runs"] == other.stats["runs"]
     capsys.readouterr()
+
+
+def test_with_events_the_steps_are_the_same_and_the_times_those_of_equal_ones():
+    """131,072 equal steps with events before."""
+    q, v = vi.coordinates("x", "y")
+    push = -500.0 * ca.vertcat(v[0] - v[1], v[1] - v[0])
+    energy = ca.sumsqr(q) / 2 + ca.sumsqr(q) ** 2 / 20
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=push)
+    asked = {"q0": [1.0, 0.2], "v0": [0.0, 0.0], "duration": 20.0}
+    watched = {"passes": q[0], "turns": v[0] + v[1]}
+    plain, motion = vi.simulate(system, **asked), vi.simulate(system, **asked, events=watched)
+    assert len(motion) < 200
+    for name in ("t", "q", "p", "sizes"):
+        assert getattr(plain, name).tobytes() == getattr(motion, name).tobytes()
+    equal = vi.simulate(system, **asked, events=watched, steps=40_000)
+    assert equal.sizes is None and len(equal.events) == len(motion.events) > 10
+    for one, other in zip(motion.events, equal.events, strict=True):
+        assert one.kind == other.kind and abs(one.time - other.time) < 1e-8
+        assert np.abs(np.array(one.q) - other.q).max() < 1e-8

@@ -107,8 +107,9 @@ def short_call(
         seen = room.seen
         if seen is None or seen[2] != duration or seen[3] != t0:
             check_steps(t0, duration, 1)
-        grows = known.damped and not events
-        pilot, turned, plain = seen_in(room, system, known, begin, t0, c, duration, grows)
+        pilot, turned, plain = seen_in(room, system, known, begin, t0, c, duration, known.damped)
+        if events and turned is not plain:
+            return None
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
             rates = known.rates

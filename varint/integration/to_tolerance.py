@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.fixed_steps import simulate_steps, watches_of
@@ -25,6 +26,7 @@ from varint.integration.problem import (
     initial_value_problem,
 )
 from varint.integration.rule_choice import iteration_level
+from varint.integration.run import looked_along
 from varint.integration.run_distance import apart_from_proved
 from varint.integration.second_looks import has_switches
 from varint.integration.time_transformation.transformed_run import simulate_transformed
@@ -90,7 +92,7 @@ def simulate_to_tolerance(
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
-            how["grows"] = not watches and every == 1
+            how["grows"] = every == 1
             return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:
@@ -107,6 +109,9 @@ def simulate_to_tolerance(
         if alarm:
             warnings.warn(alarm, stacklevel=3)
         motion = motion if every == 1 else subsample(motion, every)
+    elif choice.motion.sizes is not None:  # found as without events, which are looked for along it
+        kernel = kernel_for(system, choice.rule, problem, options.backend)
+        motion = looked_along(choice.motion, choice.motion.v, kernel, None, watches)
     else:
         motion, choice = _watched(system, start, options, problem, choice, tol)
     return with_estimate(motion, choice, tol, began)

@@ -66,7 +66,7 @@ def _zeros(
     steps that are of the motion.
     """
     s = motion.system
-    if s.rays or motion.u.shape[1] > 1:
+    if s.rays or motion.u.shape[1] > 1 or motion.sizes is not None:
         return None
     if motion.active_set is not None and loop_in is not None:
         parts = steps_by_active_set(motion)
