@@ -146,13 +146,7 @@ def test_the_core_decides_as_python_does(name, duration, tol):
     one = by_short_trials(scene, rule, problem, mass, tol, (radians, radians), "auto", 0.0)
     other = by_short_refinement(scene, rule, problem, tol, radians, None, "auto")
     if other is None:
-        halved = not isinstance(one, int) and one.motion.sizes is not None
-        assert halved or one in (NOT_PROVED, NOT_SHORT)  # longer than it may be: left to Python
-        return
-    if one.motion.sizes is not None:  # steps that are halved on the way: fewer runs, the same end
-        apart = np.abs(one.motion.q[-1] - other.motion.q[-1]).max()
-        assert name == "swung" and one.reached and one.runs <= other.runs
-        assert apart <= tol * np.abs(other.motion.q).max()
+        assert one in (NOT_PROVED, NOT_SHORT)  # what is longer than it may be is left to Python
         return
     assert (one.steps, one.runs, one.reached) == (other.steps, other.runs, other.reached)
     assert one.estimate == pytest.approx(other.estimate, rel=1e-9)

@@ -92,7 +92,8 @@ def refined_course(
     stages : StageLooks, optional
         Of motions whose error the stages of their steps tell.
     grows : int
-        1: steps may grow where the motion settles; 2: and beyond what stiff dampers stop at once.
+        0: steps may be halved on the way; 1: and grow where the motion settles; 2: and beyond what
+        stiff dampers stop at once; −1: neither.
     fitted : int
         Steps at most of runs whose steps are shorter where forces bend; 0: none are.
 

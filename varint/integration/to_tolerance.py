@@ -92,7 +92,7 @@ def simulate_to_tolerance(
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
-            how["grows"] = every == 1
+            how |= {"grows": every == 1 and not watches, "settles": every == 1}
             return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:

@@ -125,6 +125,7 @@ def choose_steps(
     follow: bool = False,
     ahead: float = 0.0,
     grows: bool = False,
+    settles: bool = False,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
 
@@ -150,7 +151,9 @@ def choose_steps(
     ahead : float, optional
         Frequency of a motion whose first steps suit this one, by what is seen ahead.
     grows : bool, optional
-        Whether steps may grow where the motion settles: nothing but its nodes is asked for.
+        Whether steps may differ: nothing but its nodes is asked for.
+    settles : bool, optional
+        Whether they may where stiff dampers stop something: nothing but nodes and events is.
 
     Raises
     ------
@@ -174,7 +177,7 @@ def choose_steps(
         return rule_for(system, rule, start, (radians, begin), tol, backend)
 
     alone = tried is None and scale is None and stop is None and start.steps == 1
-    if grows and alone and mass is not None:
+    if settles and alone and mass is not None:
         dampers = system, choose, start, mass, tol, radians, backend, began
         if (damped := by_damped_trials(*dampers)) is not None:
             return damped

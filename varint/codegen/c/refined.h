@@ -28,7 +28,7 @@ typedef struct {
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     int64_t bend_looks;      /* so many */
     const double *heights;   /* those of grades.h; 0: stages are not looked at */
-    int64_t unknowns, stages, padded, grows; /* whether steps may grow; 2: beyond what stiff dampers stop at once */
+    int64_t unknowns, stages, padded, grows; /* whether steps may grow; 2: beyond what stiff dampers stop at once; less: they are not halved either */
     Grades *grades;          /* 0: this is filled in here */
     int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */

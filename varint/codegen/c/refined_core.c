@@ -220,8 +220,8 @@ int refined(const Refined *asked) {
     Refined own = *asked;
     own.grades = &grades;
     int64_t runs = 0;
-    int halves = own.heights && !own.table.rows && !own.search.sought && !(own.limits->repeated > 0),
-        grows = own.grows && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
+    int halves = own.grows >= 0 && own.heights && !own.table.rows && !own.search.sought && !(own.limits->repeated > 0),
+        grows = own.grows > 0 && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
     if (own.search.sought) own.fitted = 0;
     for (;;) { /* until steps that differ have proved it, or equal ones are to */
         const int could = halves, result = prove(&own, grows, &halves, &runs), fitted = grades.at && grades.at != grades.own;
