@@ -109,8 +109,9 @@ def simulate(
         come together; where the scene's time scale varies much, as in close encounters, steps
         follow it as with ``time_scale="auto"``. Steps grow where a motion settles under forces
         that do not depend on time, and are shorter where forces bend sharply with the velocity, as
-        friction that is rounded (`Trajectory.sizes`), unless more than its nodes is asked for:
-        events, an end, every so many nodes. Linear scenes with stiff dampers, where no more is
+        friction that is rounded, or runs of few equal steps are lost (`Trajectory.sizes`), unless
+        more than its nodes is asked for: events (but where dampers are stiff), an end, every so
+        many nodes. Linear scenes with stiff dampers, where no more is
         asked for and nothing drives them, take steps that resolve these, and nodes many steps
         apart (`Trajectory.k`). Where forces or potentials jump or kink, steps end there, and dry
         friction holds what it stops. ``stats["error_estimate"]`` is what the runs'
