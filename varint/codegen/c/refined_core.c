@@ -50,7 +50,7 @@ static int prove(const Refined *a, int grows, int *halves, int64_t *made) {
     double memory[2][SHORT];
     const int looks = a->heights && !a->table.rows;
     Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room), .looks = looks};
-    int result = NOT_SHORT, two = 0, stalls = 0, clear = 0, halved = 0, losses = 0, many = 0; /* many: more steps seem to be needed than repay a look at bends */
+    int result = NOT_SHORT, two = 0, stalls = 0, clear = 0, halved = 0, losses = 0, many = 0, sharply = 0; /* many: more steps seem to be needed than repay a look at bends */
     double ends = INFINITY, last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, uneven = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = a->table.rows ? a->first : (a->first + 3) / 4 * 4, runs = 0;
@@ -182,8 +182,10 @@ static int prove(const Refined *a, int grows, int *halves, int64_t *made) {
                     goto end;
                 }
             }
-            if (may_fit(a, steps) && last < l->tells && order < l->low && off < l->clear &&
-                (double)steps * cbrt(estimate / a->tol) > l->worth) {
+            const int low = last < l->tells && order < l->low && off < l->clear;
+            many = (low || last == INFINITY) && (double)steps * cbrt(estimate / a->tol) > l->worth;
+            sharply = *halves && many && !a->grades->count && bends_sharply(a, &now);
+            if (many && low && !sharply && may_fit(a, steps)) {
                 const int64_t there = steps;
                 growth = between = 1; /* bends look like growth */
                 if (!begin_fits(a, &steps, &fits)) goto end;
@@ -191,14 +193,15 @@ static int prove(const Refined *a, int grows, int *halves, int64_t *made) {
                 two = stalls = 0, ratio = l->near, last = shown = INFINITY;
                 continue;
             }
-            many = (double)steps * cbrt(estimate / a->tol) > l->worth;
             const double next = off * pow(l->near, -l->caution * (double)a->order);
             const int closer = begins_well && has_nodes && !stalls && left_of(a, next, l->near, (double)a->order) <= a->tol;
             last = off, slower = ratio, ratio = closer && steps % 2 == 0 && is_divided(a->grades, steps, l->near) ? l->near : l->far;
             if (by_stages < INFINITY && begins_well && has_nodes && !stalls) ratio = ratio_to(a, steps, by_stages, a->tol / between);
-        } else if (now.seen)
-            clear = !plan_by_stages(a, &now, &ratio, &uneven), many = ratio > l->near;
-        if (*halves && many && !a->grades->count && runs <= 2 && bends_sharply(a, &now)) {
+        } else {
+            if (now.seen) clear = !plan_by_stages(a, &now, &ratio, &uneven), many = ratio > l->near;
+            sharply = *halves && many && !a->grades->count && bends_sharply(a, &now);
+        }
+        if (sharply) {
             steps = (a->first + 3) / 4 * 4, halved = 1, *halves = 0;
             two = stalls = clear = 0, growth = between = uneven = 1, ratio = l->near, last = shown = INFINITY;
             continue;
