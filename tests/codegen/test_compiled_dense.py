@@ -172,25 +172,52 @@ def test_looser_levels_save_iterations_and_keep_what_is_wanted(hanging):
     assert errors[0] < 1e-6 and errors[0] < errors[1] < 1e-2
 
 
-def test_steps_too_large_for_the_iteration_are_left_to_newton():
-    """Stiff springs between the links: the iteration diverges, Newton's method does not."""
+def test_steps_too_large_for_the_iteration_take_slopes_or_newtons_method():
+    """Stiff springs between the links: plain iteration diverges; for an odd number of stages there
+    are no slopes.
+    """
     q, v = vi.coordinates(*(f"a{i}" for i in range(LINKS)))
     system = vi.System(q, v, kinetic(q, v, np.ones(LINKS)) - 1e5 * ca.sumsqr(q[1:] - q[:-1]))
-    options = {
-        "q0": np.linspace(0, 0.1, LINKS),
-        "v0": np.full(LINKS, 0.1),
-        "h": 0.05,
-        "steps": 3,
-        "progress": False,
-    }
-    kernel, motion = (
-        gauss_kernel(system, vi.gauss(2)),
-        vi.simulate(system, vi.gauss(2), backend="interpreted", **options),
+    given = {"q0": np.linspace(0, 0.1, LINKS), "v0": np.full(LINKS, 0.1), "progress": False}
+    how = given | {"h": 0.05, "steps": 3}
+    for stages, status in ((2, DONE), (3, NOT_CONVERGED)):
+        rule = vi.gauss(stages)
+        kernel, motion = (
+            gauss_kernel(system, rule),
+            vi.simulate(system, rule, backend="interpreted", **how),
+        )
+        starts = motion.q[0], motion.p[0], np.zeros(0)
+        large = run_loop(kernel, *starts, t0=0.0, h=0.05, steps=3)
+        small = run_loop(kernel, *starts, t0=0.0, h=1e-4, steps=3)
+        found = vi.simulate(system, rule, backend="compiled", **how)
+        assert large.status == status and small.status == DONE
+        assert np.abs(found.q - motion.q).max() < 1e-9
+
+
+def test_stiff_dampers_of_a_long_chain_take_slopes_in_pieces_as_in_one():
+    """Steps that slopes of the velocities that conjugate gradients find make contract: by the
+    interpreted Newton method they are the same.
+    """
+    q, v = vi.coordinates(*(f"a{i}" for i in range(LINKS)))
+    turns = v - ca.vertcat(0, v[:-1])
+    damped = vi.System(
+        q,
+        v,
+        kinetic(q, v, np.ones(LINKS)) + 9.81 * ca.sum1(ca.cos(q)),
+        force=-200.0 * (turns - ca.vertcat(turns[1:], 0)),
     )
-    assert (
-        run_loop(kernel, motion.q[0], motion.p[0], np.zeros(0), t0=0.0, h=0.05, steps=3).status
-        == NOT_CONVERGED
+    rule, h, q0 = vi.gauss(4), 0.05, np.linspace(0.5, 0.9, LINKS)
+    kernel = gauss_kernel(damped, rule)
+    motion = vi.simulate(
+        damped, rule, q0=q0, v0=np.zeros(LINKS), h=h, steps=12, backend="interpreted"
     )
-    small = run_loop(kernel, motion.q[0], motion.p[0], np.zeros(0), t0=0.0, h=1e-4, steps=3)
-    found = vi.simulate(system, vi.gauss(2), backend="compiled", **options)
-    assert small.status == DONE and np.abs(found.q - motion.q).max() < 1e-9
+    starts, options = (motion.q[0], motion.p[0], np.zeros(0)), {"t0": 0.0, "h": h}
+    whole = run_loop(kernel, *starts, steps=12, **options)
+    rows, carry = [whole.rows[:1]], None
+    for first in (0, 4, 8):
+        piece = run_loop(kernel, *starts, steps=4, first=first, carry=carry, **options)
+        carry = piece.carry
+        rows.append(piece.rows[1:])
+    assert whole.status == DONE and whole.iterations < 12 * 20
+    assert np.array_equal(np.concatenate(rows), whole.rows)
+    assert np.abs(whole.rows[:, 0] - motion.q).max() < 1e-10 * np.abs(motion.q).max()

@@ -34,6 +34,7 @@ FEW = 6  # so many coordinates stay in registers
 MORE, FEW_OPERATIONS = 8, 500
 # vector operations of an evaluation up to which latency decides its time, not their number
 SHORT = 60
+DIRECTIONS = 2  # of an evaluation with a full inertia matrix
 PRODUCT = 10  # of a coordinate's stages with the coefficients
 
 
@@ -220,6 +221,9 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
     needs = _needs(system.q, rates)
     work = _work(functions, needs)
     ahead = not by_defect and not system.control.numel() and work <= SHORT
+    if full:  # every direction of conjugate gradients takes a product and two triangles
+        each = functions["product"].sizes.operations + system.q.numel() ** 2
+        work += DIRECTIONS * each
     few = MORE if work <= FEW_OPERATIONS and not full else FEW
     functions |= routines(
         system.c, {"momentum": ([system.q, system.v, system.t], [momentum(system)])}

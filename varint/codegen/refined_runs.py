@@ -13,7 +13,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course, HeldLooks
 
-_COURSE = struct.Struct("13P11qP4qP3q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("13P11qP4qP4q")  # Refined, what belongs to the course
 _TABLE = struct.Struct("2P4q")  # Table, which is the last of it
 _NO_TABLE = _TABLE.pack(*[0] * 6)
 
@@ -66,6 +66,7 @@ def refined_course(
     stages: StageLooks | None = None,
     grows: int = 0,
     fitted: int = 0,
+    by_velocity: bool = False,
 ) -> Course:
     """How a motion with forces or explicit time is run; `two_runs` runs it.
 
@@ -73,7 +74,7 @@ def refined_course(
     ----------
     kernel : Kernel
     balance : RowFunction
-        (q, p, t) → energy and the power of what changes it; (q, v, t) of held motions.
+        (q, p, t) → energy and the power of what changes it; (q, v, t) `by_velocity`.
     forces : tuple, optional
         (q, v, t) → forces and the mass matrix' diagonal, bounds of forces on the straight way
         between two nodes, and those of many steps at once, where they are data; None of scenes
@@ -96,6 +97,8 @@ def refined_course(
         stiff dampers stop at once; −1: neither.
     fitted : int
         Steps at most of runs whose steps are shorter where forces bend; 0: none are.
+    by_velocity : bool
+        Velocities are made by the runs, for they have no formula.
 
     Raises
     ------
@@ -111,7 +114,7 @@ def refined_course(
     calls = on.run, on.scene, on.rows, on.energy, *pushed, *map(address_of, arrays)
     others = 0 if bent is None else address_of(bent), pivots.at if pivots else 0
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
-    kind = counted_looks, int(held is not None), kernel.note[1]
+    kind = counted_looks, int(by_velocity), int(held is not None), kernel.note[1]
     at_stages = (0, 0, 0, 0) if stages is None else (address_of(stages.heights), *stages.counts)
     steps = *at_stages, grows, 0, fitted
     head = _COURSE.pack(*calls, *others, *counts, *pieces, kind[0], *steps, *kind[1:]) + _NO_TABLE

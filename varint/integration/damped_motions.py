@@ -29,6 +29,7 @@ from varint.scene.system import System
 
 STIFF = 2.0  # times as fast as the fastest frequency must dampers be
 FAST = 50.0  # radians that they turn by at least: less takes no more time than this look
+FASTEST = 1e9  # radians that they turn by at most: first steps for more do not grow to what lasts
 LASTS = 20.0  # what falls by less than e to this in the whole duration
 
 
@@ -63,7 +64,7 @@ def damped_turns(
     system: System, q: np.ndarray, p: np.ndarray, t: float, c: np.ndarray, duration: float
 ) -> tuple[float, float] | None:
     """By how much the motions that last turn in the duration, and the fastest one; None where this
-    cannot be told.
+    cannot be told, or is too much.
     """
     n = len(q)
     mass, *slopes = (x.reshape(n, n).T for x in call(_linear(system), q, p, np.array((t,)), c))
@@ -76,7 +77,8 @@ def damped_turns(
         return None
     fast = np.abs(rates)
     lasts = fast[-rates.real * duration < LASTS].max(initial=0.0)  # backwards all grows
-    return angle_turned(duration, float(lasts)), angle_turned(duration, float(fast.max()))
+    fastest = float(fast.max()) * abs(duration)
+    return (angle_turned(duration, float(lasts)), fastest) if fastest < FASTEST else None
 
 
 @per_scene

@@ -44,6 +44,7 @@ from varint.codegen.two_runs import (
     places_of,
     two_runs,
 )
+from varint.discrete.legendre import velocity_function
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
@@ -213,8 +214,10 @@ def balance_known(system: System) -> RowFunction | None:
 
 
 def has_formula(system: System) -> bool:
-    """Whether momenta alone tell of velocities."""
-    return system.structure.quadratic_kinetic and not is_held(system)
+    """Whether momenta alone tell of velocities, by operations that are data."""
+    if is_held(system) or not system.structure.quadratic_kinetic:
+        return False
+    return velocity_function(system).is_a("SXFunction")
 
 
 @per_scene
@@ -267,7 +270,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
             looks_at = graded.stage_looks(system, rule) if visible else None
             # as many in either gear
             most = first_piece(kernel, False) if grows and visible and bends else 0
-            others = held, bends, looks_at, may_grow, most
+            others = held, bends, looks_at, may_grow, most, not has_formula(system)
             return refined_course(*how, body, turns, repeated, *others)
         kind = s.linear, not has_formula(system), driven is not None, body, turns
         limits = proof_limits()

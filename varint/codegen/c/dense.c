@@ -3,8 +3,8 @@
    Defined before this file: N coordinates, NU controls, STAGES, the tableau, and the functions geometry(q, t, w, g, d), what
    the next two need of q, and d; product(q, g, v, t, w, y), y = M v; push(q, g, v, t, u, w, f).
    One factorisation M = L D L^T a step, halfway through it, serves all stages and rounds as preconditioner. A round starts
-   from the speeds of the last one and reduces what they miss by REDUCTION, the iteration of the stages does the rest: its
-   fixed point is that of the exact inverse. */
+   from the speeds of the last one and reduces what they miss by REDUCTION, or more where the step asks for it, the iteration of the
+   stages does the rest: its fixed point is that of the exact inverse. */
 
 #define PUSH_AT (GEOMETRY_W + PRODUCT_W)
 #define RHS_W (PUSH_AT + PUSH_W)
@@ -18,7 +18,8 @@
 
 /* L by columns, beyond N zero; 1 / D */
 static _Thread_local struct { double columns[LD * LD], inverse[LD]; } factor __attribute__((aligned(64)));
-static _Thread_local double one_direction; /* what one direction left of the square of the residual */
+static _Thread_local double one_direction;  /* what one direction left of the square of the residual */
+static _Thread_local double left_of_speeds; /* that of a round, times REDUCTION */
 
 INLINE V part(const double *x) { V y; memcpy(&y, x, sizeof y); return y; }
 
@@ -103,7 +104,7 @@ static __attribute__((noinline)) void improve(const V *q, const V *g, const V *t
     for (int i = 0; i < LD; i++) p[i] -= y[i], s[i] = z[i] = p[i];
     solve_factored(z);
     V size = dot(p, z);
-    const double first = largest(v_fabs(size)), enough = REDUCTION * REDUCTION;
+    const double first = largest(v_fabs(size)), each = REDUCTION * left_of_speeds, enough = each * each;
     for (int i = 0; i < LD; i++) s[i] = z[i];
     double left = 1, expected = 1;
     for (int count = 1;; count++) {

@@ -168,13 +168,15 @@ typedef struct { V u[MOST_NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* 
 
 /* A step on its way: times of the stages, where they are when all unknowns are zero and where they are first, the unknowns
    after so many evaluations, and the momenta that these make; room for what the first half of the right-hand side leaves to the second,
-   or for the inertias of the stages, which so many evaluations from now on renew. */
+   or for the inertias of the stages, which so many evaluations from now on renew; what is left of what speeds miss, times that of plain
+   iterations. */
 typedef struct {
     V t[VECTORS], base[2 * MOST_N][VECTORS], start[2 * MOST_N][VECTORS], p[MOST_N][VECTORS];
     Unknowns x;
     int64_t count;
     V (*taken)[VECTORS];
     int renewals;
+    double left;
 #ifndef SCENE_AS_DATA
     const struct Scene *scene;
     const struct Loop *loop;
@@ -416,7 +418,7 @@ START void place_start(const Run *r, Step *s, int64_t known, const Unknowns last
             for (int k = 0; k < VECTORS; k++) s->start[N + d][k] = v[d];
     }
 #endif
-    if (DENSE) memcpy(s->x, x, UNKNOWNS_SIZE); /* the speeds that are improved */
+    if (DENSE) memcpy(s->x, x, UNKNOWNS_SIZE), s->left = 1; /* the speeds that are improved */
     /* from a velocity that is the same all along the step inertia may be far off where it depends on velocities */
     s->renewals = known > !DENSE ? 1 : LEGENDRE_ITERATIONS && !known ? ALWAYS : 2;
 }

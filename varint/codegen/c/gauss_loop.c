@@ -58,18 +58,18 @@ INLINE int is_too_slow(const Change *c, double now, double level, int64_t left) 
    many looks that tells nothing. */
 APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
     const V(*const x)[VECTORS] = s->x;
-    const int long_since = !LEGENDRE_ITERATIONS && c->faint && c->checks >= MANY_LOOKS;
+    const int long_since = !LEGENDRE_ITERATIONS && c->checks >= MANY_LOOKS;
     int all = 1;
     double worst = 0;
     c->left = 0;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
-        const int rests = long_since && now <= c->faint[r];
+        for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
+        const int rests = long_since && ((c->faint && now <= c->faint[r]) || (DENSE && now <= 1e-13 * most)); /* of all by full inertia */
         if (now < 0.5 * c->best[r]) {
             c->best[r] = now, c->idle[r] = now > NEAR * size && !rests ? 0 : c->idle[r];
             memcpy(c->from[r], fresh[r], sizeof c->from[r]);
         } else c->idle[r] += 1;
-        for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
         int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size);
         double left = now / (size + 1e-300);
         if (!settled && !LEGENDRE_ITERATIONS && c->idle[r] >= IDLE) { /* neither shrinks nor goes on in one direction */
@@ -178,7 +178,7 @@ APART void begin_resized(Run *r, const Carry *carry) {
     }
     for (int i = 0; i < ROWS; i++) size[i] = fabs(smaller) * scales[i], c->noise[i] = scales[ROWS + i];
     set_scale(c, size, 0);
-    s->count = 1, s->renewals = 2, r->known = 1, c->rate = carry->rate;
+    s->count = 1, s->renewals = 2, s->left = 1, r->known = 1, c->rate = carry->rate;
 }
 
 /* Steps of another size are improved from the first on: they are the longer ones of a motion that settles, whose slopes
@@ -189,7 +189,7 @@ APART void go_on_with_slopes(Run *r, const Carry *carry) {
     memcpy(s, carry->numbers + 4 * N + ROWS * (2 + 3 * PADDED), SLOPES_TOLD * sizeof(double));
     if (!(s->left > 0)) {
         s->period = s->period > REST ? s->period : REST;
-        begin_slopes(r, FAILED + carry->expected);
+        begin_slopes(r, SHORTER);
     } else if (!has_room(r)) s->left = 0;
     s->renew = 1, s->there = 0;
 }

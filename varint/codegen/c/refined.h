@@ -17,7 +17,7 @@ typedef struct {
     int (*run)(const RunArguments *);
     const void *scene;
     int (*rows)(const RowsArguments *);
-    const void *balance;       /* (q, p, t), (q, v, t) of held motions, to the energy and the power of forces and explicit time */
+    const void *balance;       /* (q, p, t), or (q, v, t), to the energy and the power of forces and explicit time */
     const void *push, *bounds, *bounds_of_many; /* those of varint/integration/force_bounds.py; 0: closer looks are taken elsewhere */
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
@@ -31,6 +31,7 @@ typedef struct {
     int64_t unknowns, stages, padded, grows; /* whether steps may grow; 2: beyond what stiff dampers stop at once; less: they are not halved either */
     Grades *grades;          /* 0: this is filled in here */
     int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
+    int64_t by_velocity;     /* velocities are made by the runs, for they have no formula */
     int64_t held, folds;     /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
     Table table;             /* of controls */
     BEHIND_THE_COURSE
@@ -80,7 +81,7 @@ static int go_on(const Refined *a, const double *start, double t0, int64_t first
         .steps = end - k, .save_every = 1, .first = first, .most = (int64_t)most, .t0 = t0, .h = h, .level = level, .start = start, .c = a->c,
         .u = to->u + a->table.stages * a->table.controls * k, .rows = to->rows + 3 * a->n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
         .heights = a->heights, .seen = to->seen ? to->seen + 2 * a->unknowns * k : 0,
-        .without_velocities = !a->held && !a->search.sought && !a->bends});
+        .without_velocities = !a->by_velocity && !a->search.sought && !a->bends});
     to->iterations += stats->iterations;
     if (stats->residual > to->residual) to->residual = stats->residual;
     to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
@@ -254,23 +255,24 @@ typedef struct { double early, beyond; } Spread;
 static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, int64_t unit, const double *scales) {
     const int64_t n = a->n, few = one->steps / unit, many = other->steps / unit, parts = shared_parts(one, other), last = other->ended.last,
                   middle = (parts + 1) / 2, first = (parts + 1) / EARLIEST > 1 ? (parts + 1) / EARLIEST : 1;
-    double most[n], largest = 0, least = INFINITY;
+    const int graded = a->grades->count > 0, timed = ends_early(&a->search) || graded, by_time = graded && a->grades->at == a->grades->own;
+    double most[n], times[timed ? last + 1 : 1], largest = 0, least = INFINITY;
+    if (timed) set_node_times(a, other, times);
     memset(most, 0, n * sizeof(double));
     for (int64_t k = 0; k <= parts; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
             largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
         }
-        if (first <= k && k <= middle) {
-            const double expected = expected_in_the_middle(largest, a->limits->rounded, k, middle);
+        /* most steps of a motion that settles are in its beginning, and err by nothing */
+        const int64_t at = by_time ? (int64_t)((times[many * k] - a->t0) / a->duration * (double)parts) : k;
+        if (first <= at && at <= middle) {
+            const double expected = expected_in_the_middle(largest, a->limits->rounded, at, middle);
             least = expected < least ? expected : least;
         }
     }
-    const int timed = ends_early(&a->search) || a->grades->count;
-    double times[timed ? last + 1 : 1];
-    if (timed) set_node_times(a, other, times);
     const Shared shared = {n, 3 * n, last + 1, many, parts + 1, other->rows, timed ? times : 0};
-    return (Spread){middle ? least : largest, last < 2 ? 1 : beyond_shared(&shared, most)};
+    return (Spread){least < INFINITY ? least : largest, last < 2 ? 1 : beyond_shared(&shared, most)};
 }
 
 /* What passages make of last digits where they magnify them by so much, whole where that is below what is wanted. */

@@ -4,7 +4,7 @@
    parts of the first steps. `t`, `room`: times of both, and three times as many numbers, with as many controls. */
 static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
     const int64_t nodes = run->ended.last + 1, more = fine->ended.last + 1;
-    const Balance b = {a->rows, a->balance, a->c, a->n, a->held ? 2 * a->n : a->n, a->table.controls, a->limits->missed};
+    const Balance b = {a->rows, a->balance, a->c, a->n, a->by_velocity ? 2 * a->n : a->n, a->table.controls, a->limits->missed};
     double *const energy = room, *const power = energy + nodes + more, *const other = power + nodes + more, *const u = other + nodes + more,
            *const before = a->table.rows ? other : power, largest = 0, given = 0;
     for (int jump = a->table.rows > 0; jump >= 0; jump--) { /* controls do at a node */

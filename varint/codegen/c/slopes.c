@@ -129,7 +129,7 @@ APART void begin_improved(Run *r) {
         if (r->known > 1) add_product(low ? LOW_OLDER_M0 : START_OLDER_M0, r->older[i], s->x[i]);
         for (int k = 0; k < VECTORS; k++) s->x[i][k] = choose(MASK(r->at.b[k] != 0.0), s->x[i][k], splat(0.0));
     }
-    s->count = 1;
+    s->count = s->renewals = 1;
 }
 
 /* x = h b times the right-hand side at the points that stand where the stages begin. */
@@ -156,6 +156,7 @@ static void take_slopes(Run *r, int64_t k, const double *q, const double *z, dou
     for (int m = 0; m < NU; m++)
         for (int l = 0; l < VECTORS; l++) r->at.u[m][l] = splat(lane(controls[m][0], 0));
     for (int l = 0; l < VECTORS; l++) s->t[l] = splat(t);
+    s->renewals = DENSE, s->left = EXACTLY;
     for (int first = 0; first < columns; first += each) {
         const int count = columns - first < each ? columns - first : each;
         double off[STAGES];
@@ -177,7 +178,7 @@ static void take_slopes(Run *r, int64_t k, const double *q, const double *z, dou
             }
         }
     }
-    copy_step(s, &r->next);
+    copy_step(s, &r->next), s->left = CLOSELY;
     memcpy(r->at.u, controls, sizeof controls);
     r->next.count = 0;
 }
@@ -240,7 +241,7 @@ APART void renew_slopes(Run *r, int64_t k) {
     for (int d = 0; d < N; d++) {
         const V *const place = s->count ? first[d] : s->base[d], *const other = HALVES ? s->count ? s->p[d] : s->base[N + d] : second[d];
         q[d] = lane(place[j / LANES], j % LANES);
-        z[d] = HALVES || (s->count && BOTH) ? lane(other[j / LANES], j % LANES) : r->y[N + d] / r->h;
+        z[d] = HALVES || (s->count && BOTH) ? lane(other[j / LANES], j % LANES) : r->y[N + d] / (FORM == 2 ? r->h : 1);
     }
     const double t_there = lane(s->t[j / LANES], j % LANES);
     double size[2 * MOST_N];
@@ -263,6 +264,7 @@ APART int iterated_with_slopes(Run *r, int64_t k) {
         copy_unknowns(x, s->x);
         set_momenta(s, STAGE_M1, x, 0, 0);
         place(s, &r->at, r->h, STAGE_M2, STAGE_M1, 0, x, 0, 0, 0, 0, s->start, s->start + N);
+        s->left = CLOSELY;
         evaluate_there(r, k);
         copy_unknowns(fresh, s->x), copy_unknowns(s->x, x);
         improve(r, x, fresh);

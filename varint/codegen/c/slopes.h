@@ -6,12 +6,12 @@
    takes a few evaluations a step. Each of them takes longer, so it is for steps that take many. */
 #define MOST_SLOPES 128 /* unknowns of a stage */
 #define SLOPES_ROOM (MOST_ROWS < MOST_SLOPES ? MOST_ROWS : MOST_SLOPES)
-#define IMPROVES (!DENSE && !BY_DEFECT && STAGES <= 8 && STAGES % 2 == 0 && ROWS <= MOST_SLOPES)
+#define IMPROVES (!BY_DEFECT && STAGES <= 8 && STAGES % 2 == 0 && ROWS <= MOST_SLOPES)
 #define PAIRS (STAGES / 2)
 /* evaluations that take as long: one with slopes, by rows and their products, and slopes themselves */
 #define OPERATIONS ((double)WORK + (FORM == 2 && ON_VELOCITY ? 10.0 * ROWS : 0)) /* of an evaluation, with all products */
 #define DEARER (1 + (40 + 12.0 * ROWS + 0.8 * ROWS * ROWS) / OPERATIONS)
-#define RENEWAL (4 + (double)N / 3 + 3.0 * ROWS * ROWS * ROWS / OPERATIONS)
+#define RENEWAL (4 + (double)N / 3 + (DENSE ? 1.5 : 3.0) * ROWS * ROWS * ROWS / OPERATIONS)
 #define SLOW 5      /* evaluations with slopes that a step takes at most if they are of use */
 #define GROWN_OLD 6 /* evaluations with slopes of a step before, which are taken anew then */
 #define TRIED 2     /* steps that tell whether they are the shorter way; one does where it is as many times longer */
@@ -23,6 +23,8 @@
 #define LASTING (1 << 20)
 #define APART_BY 0x1p-25 /* of a number and of how far it moves in a step: differences of slopes */
 #define RESTS 0x1p-12     /* of the largest size on the way: less is round-off, or soon will be */
+#define CLOSELY 0x1p-10    /* of what speeds miss in a plain round of scenes with full inertia, where slopes improve it */
+#define EXACTLY 0x1p-45    /* the same where slopes are taken */
 #define OUTGROWN 0x1p16  /* times its size that a number moves: round-off of its differences begins to count */
 
 typedef double Pairs __attribute__((vector_size(32)));
