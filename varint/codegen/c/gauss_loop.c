@@ -189,7 +189,7 @@ APART void go_on_with_slopes(Run *r, const Carry *carry) {
     memcpy(s, carry->numbers + 4 * N + ROWS * (2 + 3 * PADDED), SLOPES_TOLD * sizeof(double));
     if (!(s->left > 0)) {
         s->period = s->period > REST ? s->period : REST;
-        begin_slopes(r, SHORTER);
+        begin_slopes(r, FAILED + carry->expected);
     } else if (!has_room(r)) s->left = 0;
     s->renew = 1, s->there = 0;
 }

@@ -94,6 +94,18 @@ static double most_for(const Refined *a, double level, double coarser) {
     return coarser > 1 ? floor(a->limits->poor * log(level * coarser) / log(level)) : a->limits->poor;
 }
 
+/* How many times as long as the first steps those of the motion that lasts would be: first ones are for what dampers stop at once. */
+static double usual_steps(const Refined *a) {
+    const double lasting = a->radians / 2 > a->limits->fewest ? a->radians / 2 : a->limits->fewest;
+    return a->grows > 1 && (double)a->first > 2 * lasting ? (double)a->first / lasting : 1;
+}
+
+/* The next steps are of another size: plain ones would be as many more as these may grow. */
+static void change_size(const Refined *a, double *carried) {
+    Carry *const carry = (Carry *)carried;
+    carry->steps_known = ANOTHER_SIZE, carry->expected *= usual_steps(a);
+}
+
 /* From a start, held ones with its velocity, which is node `from` of a run of so many steps, the next `count` of them, by so many
    times coarser iterations; false where there was no memory, they are too many, or a held motion may pass over a fold. */
 static int try_from(const Refined *a, const double *start, const double *speed, double t0, double wanted, int64_t steps, int64_t from,
@@ -113,8 +125,10 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
         const int64_t last = here.end - from < count ? here.end - from : count;
         end = !k && a->pilot && a->pilot < last ? a->pilot : last;
         const int graded = a->grades->count > 0;
-        if (k && from + k == here.first) /* slopes are for longer steps: what is fitted to bends begins anew */
-            carry[0] = a->grades->at == a->grades->own ? ANOTHER_SIZE : 0, memcpy(begin, to->rows + 3 * n * k, 2 * n * sizeof(double));
+        if (k && from + k == here.first) { /* slopes are for longer steps: what is fitted to bends begins anew */
+            carry[0] = 0, memcpy(begin, to->rows + 3 * n * k, 2 * n * sizeof(double));
+            if (a->grades->at == a->grades->own) change_size(a, carry);
+        }
         go_on(a, begin, graded ? here.t : t0, graded ? from + k - here.first : k, here.h, level * coarser, most, k, end, carry, stats, notes, to);
     }
     if (a->held) {
@@ -124,12 +138,6 @@ static int try_from(const Refined *a, const double *start, const double *speed, 
     }
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
     return 1;
-}
-
-/* How many times as long as the first steps those of the motion that lasts would be: first ones are for what dampers stop at once. */
-static double usual_steps(const Refined *a) {
-    const double lasting = a->radians / 2 > a->limits->fewest ? a->radians / 2 : a->limits->fewest;
-    return a->grows > 1 && (double)a->first > 2 * lasting ? (double)a->first / lasting : 1;
 }
 
 /* A coarse run from the start whose steps grow where the motion settles, no longer than that: `grades` are those it has found, none
@@ -157,7 +165,7 @@ static int try_growing_to(const Refined *a, double wanted, int64_t steps, double
         const Seen now = look_at(&looked, carry, h, to->rows + 3 * n * k, next - k);
         to->lost = g->count > 1 && !now.shown;
         if (to->lost) break;
-        if (now.smooth && grow(g, longest, end, next)) carry[0] = ANOTHER_SIZE, memcpy(begin, to->rows + 3 * n * next, 2 * n * sizeof(double));
+        if (now.smooth && grow(g, longest, end, next)) change_size(a, carry), memcpy(begin, to->rows + 3 * n * next, 2 * n * sizeof(double));
         quiet = now.quiet;
     }
     to->steps = g->all, to->ended = ended_after(g->all, a->t0, a->duration / g->all);
