@@ -4,8 +4,6 @@ asked for than `short_call` takes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from varint.integration.choice import Choice
@@ -13,6 +11,7 @@ from varint.integration.compiled_loop import scheme_of
 from varint.integration.damped_motions import are_stiff, damped_turns, look_function, may_be_damped
 from varint.integration.gears import BY_STAGES
 from varint.integration.problem import InitialValueProblem
+from varint.integration.rule_choice import candidates, choose_rule
 from varint.integration.short_trials import by_short_trials
 from varint.numerics.arrays import call
 from varint.rules.rule import Rule
@@ -21,7 +20,7 @@ from varint.scene.system import System
 
 def by_damped_trials(
     system: System,
-    choose: Callable[[float], Rule],
+    rule: Rule | None,
     start: InitialValueProblem,
     mass: np.ndarray,
     tol: float,
@@ -29,8 +28,8 @@ def by_damped_trials(
     backend: str,
     began: float,
 ) -> Choice | None:
-    """The choice that `short_call` makes beside stiff dampers, by the rule that is to be chosen for
-    so many radians of the first steps; None where no dampers are stiff, or steps do not grow.
+    """The choice that `short_call` makes beside stiff dampers, by the rule that is asked for or the
+    cheapest by stages; None where no dampers are stiff, or steps do not grow.
     """
     if not (may_be_damped(system) and system.structure.quadratic_kinetic):
         return None
@@ -40,8 +39,11 @@ def by_damped_trials(
     if not are_stiff(local, len(start.q0), start.h, radians):
         return None
     turned = damped_turns(system, *state, start.h)
-    if turned is None or scheme_of(system, rule := choose(turned[1])) is not BY_STAGES:
+    if turned is None:
         return None
-    trials = system, rule, start, mass, tol, turned, backend, began
+    own = rule or choose_rule(candidates(system, True, True), turned[1], tol)
+    if scheme_of(system, own) is not BY_STAGES:
+        return None
+    trials = system, own, start, mass, tol, turned, backend, began
     found = by_short_trials(*trials, grows=True)
     return found if isinstance(found, Choice) else None

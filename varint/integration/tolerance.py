@@ -173,15 +173,12 @@ def choose_steps(
         if (shown := by_table_trials(*tables)) is not None:
             return shown
 
-    def choose(begin: float) -> Rule:
-        return rule_for(system, rule, start, (radians, begin), tol, backend)
-
     alone = tried is None and scale is None and stop is None and start.steps == 1
     if settles and alone and mass is not None:
-        dampers = system, choose, start, mass, tol, radians, backend, began
+        dampers = system, rule, start, mass, tol, radians, backend, began
         if (damped := by_damped_trials(*dampers)) is not None:
             return damped
-    own = choose(begin)
+    own = rule_for(system, rule, start, turned, tol, backend)
     plainly = backend == "auto" and grows and stop is None and start.steps == 1
 
     def may_settle(least: tuple[float, float]) -> bool:
