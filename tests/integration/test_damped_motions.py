@@ -215,3 +215,52 @@ def test_with_events_the_steps_are_the_same_and_the_times_those_of_equal_ones():
     for one, other in zip(motion.events, equal.events, strict=True):
         assert one.kind == other.kind and abs(one.time - other.time) < 1e-8
         assert np.abs(np.array(one.q) - other.q).max() < 1e-8
+
+
+@pytest.fixture(scope="module")
+def held_together():
+    """Two masses that a damper of 500 holds together: the scene, its start and a fine motion."""
+    q, v = vi.coordinates("x", "y")
+    push = -500.0 * ca.vertcat(v[0] - v[1], v[1] - v[0])
+    energy = ca.sumsqr(q) / 2 + ca.sumsqr(q) ** 2 / 20
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=push)
+    start = {"q0": [1.0, 0.2], "v0": [0.0, 0.0]}
+    return system, start, vi.simulate(system, **start, duration=6.0, steps=12_000)
+
+
+@pytest.mark.parametrize("tol", (1e-8, 1e-10))
+def test_an_end_is_looked_for_along_the_motion_of_the_whole_duration(tol, held_together, tmp_path):
+    """7,000 equal steps and 100 ms before."""
+    system, start, fine = held_together
+    x = system.q[0]
+    whole = vi.simulate(system, **start, duration=20.0, tol=tol)
+    ended = vi.simulate(system, **start, duration=20.0, tol=tol, until=x + 0.1)
+    many = len(ended) - 1
+    assert ended.sizes is not None and 1 < many < len(whole) < 200
+    for name in ("t", "q", "p"):
+        assert np.array_equal(getattr(ended, name)[:many], getattr(whole, name)[:many])
+    equal = vi.simulate(system, **start, duration=20.0, steps=40_000, until=x + 0.1)
+    assert abs(ended.t[-1] - equal.t[-1]) < 2 * tol
+    assert np.abs(ended.q[-1] - equal.q[-1]).max() < 2 * tol
+    ended.save(tmp_path / "ended.npz")
+    kept = vi.load(tmp_path / "ended.npz")
+    middle = ended.t[-1] / 2
+    assert np.array_equal(kept.q, ended.q) and kept.t[-1] == ended.t[-1]
+    assert np.array_equal(kept.at([middle]).q, ended.at([middle]).q)
+    assert np.abs(ended.at([middle]).q - fine.at([middle]).q).max() < 2 * tol
+    never = vi.simulate(system, **start, duration=20.0, tol=tol, until=x + 3)
+    assert np.array_equal(never.q, whole.q)
+
+
+@pytest.mark.parametrize("depth", (1e-3, 1e-6))
+def test_an_end_that_is_hardly_reached_is_as_exact_as_any(depth, held_together):
+    """Where the expression hardly changes an error of its zero is that of its time many times."""
+    system, start, fine = held_together
+    place = fine.q[:, 0].min() + depth
+    end = vi.simulate(system, **start, duration=6.0, steps=12_000, until=system.q[0] - place)
+    speed = abs(end.v[-1, 0])
+    for tol in (1e-5, 1e-7):
+        motion = vi.simulate(system, **start, duration=6.0, tol=tol, until=system.q[0] - place)
+        assert motion.stats["error_estimate"] <= tol
+        moved = max(abs(motion.t[-1] - end.t[-1]) * speed, np.abs(motion.q[-1] - end.q[-1]).max())
+        assert moved < tol * 2

@@ -13,6 +13,7 @@ import numpy as np
 from varint.errors import InputError, parsed_or_refused
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
+from varint.integration.damped_end import damped_until
 from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.fixed_steps import simulate_steps, watches_of
 from varint.integration.no_farther import as_far_as_it_ends
@@ -98,7 +99,12 @@ def simulate_to_tolerance(
         if stop is None or rows > 1:
             choice = choose(problem, options)
         else:
-            choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
+            plainly = every == 1 and not watches and options.scale is None
+            by_dampers = system, rule, problem, tol, stop, options.backend
+            if plainly and (found := damped_until(*by_dampers)) is not None:
+                choice = found
+            else:
+                choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
     if not watches:
         motion = choice.motion
         if choice.level:
