@@ -264,3 +264,25 @@ def test_an_end_that_is_hardly_reached_is_as_exact_as_any(depth, held_together):
         assert motion.stats["error_estimate"] <= tol
         moved = max(abs(motion.t[-1] - end.t[-1]) * speed, np.abs(motion.q[-1] - end.q[-1]).max())
         assert moved < tol * 2
+
+
+@pytest.mark.parametrize("ends", ({}, {"events": True}, {"until": True}))
+def test_every_so_many_nodes_of_steps_that_grow_are_kept(ends, held_together):
+    """Some thousand equal steps before; what lies between nodes is that of all of them."""
+    system, start, _ = held_together
+    asked = start | {"duration": 20.0, "tol": 1e-10}
+    if "events" in ends:
+        asked["events"] = {"passes": system.q[0]}
+    if "until" in ends:
+        asked["until"] = system.q[0] + 0.1
+    whole, some = vi.simulate(system, **asked), vi.simulate(system, **asked, save_every=5)
+    kept = np.append(np.arange(0, len(whole) - 1, 5), len(whole) - 1)
+    assert whole.sizes is not None and len(whole) < 200
+    for name in ("t", "q", "p"):
+        assert np.array_equal(getattr(some, name), getattr(whole, name)[kept])
+    assert some.events == whole.events
+    times = np.linspace(0, whole.t[-1], 33)
+    assert np.array_equal(some.at(times).q, whole.at(times).q)
+    assert (
+        vi.simulate(system, **asked, save_every=5, progress=False).q.tobytes() == some.q.tobytes()
+    )

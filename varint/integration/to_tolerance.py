@@ -93,33 +93,33 @@ def simulate_to_tolerance(
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
-            how |= {"grows": every == 1 and not watches, "settles": every == 1}
+            how["grows"] = every == 1 and not watches
             return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:
             choice = choose(problem, options)
         else:
-            plainly = every == 1 and not watches and options.scale is None
+            plainly = not watches and options.scale is None
             by_dampers = system, rule, problem, tol, stop, options.backend
             if plainly and (found := damped_until(*by_dampers)) is not None:
                 choice = found
             else:
                 choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
-    if not watches:
-        motion = choice.motion
-        if choice.level:
-            leap = energy_leap(motion, tol)
-            alarm = leap and leap.alarm()
-        else:
-            alarm = energy_alarm(motion, tol)
-        if alarm:
-            warnings.warn(alarm, stacklevel=3)
-        motion = motion if every == 1 else subsample(motion, every)
-    elif choice.motion.sizes is not None:  # found as without events, which are looked for along it
-        kernel = kernel_for(system, choice.rule, problem, options.backend)
-        motion = looked_along(choice.motion, choice.motion.v, kernel, None, watches)
-    else:
+    if watches and choice.motion.sizes is None:
         motion, choice = _watched(system, start, options, problem, choice, tol)
+        return with_estimate(motion, choice, tol, began)
+    motion = choice.motion
+    if watches:  # found as without events, which are looked for along it
+        kernel = kernel_for(system, choice.rule, problem, options.backend)
+        motion = looked_along(motion, motion.v, kernel, None, watches)
+    elif choice.level:
+        leap = energy_leap(motion, tol)
+        alarm = leap and leap.alarm()
+    else:
+        alarm = energy_alarm(motion, tol)
+    if not watches and alarm:
+        warnings.warn(alarm, stacklevel=3)
+    motion = motion if every == 1 else subsample(motion, every)
     return with_estimate(motion, choice, tol, began)
 
 

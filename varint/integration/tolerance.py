@@ -125,7 +125,6 @@ def choose_steps(
     follow: bool = False,
     ahead: float = 0.0,
     grows: bool = False,
-    settles: bool = False,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
 
@@ -151,9 +150,8 @@ def choose_steps(
     ahead : float, optional
         Frequency of a motion whose first steps suit this one, by what is seen ahead.
     grows : bool, optional
-        Whether steps may differ: nothing but its nodes is asked for.
-    settles : bool, optional
-        Whether they may where stiff dampers stop something: nothing but nodes and events is.
+        Whether steps may differ where no stiff dampers stop something: nothing but its nodes is
+        asked for.
 
     Raises
     ------
@@ -174,7 +172,7 @@ def choose_steps(
             return shown
 
     alone = tried is None and scale is None and stop is None and start.steps == 1
-    if settles and alone and mass is not None:
+    if alone and mass is not None:
         dampers = system, rule, start, mass, tol, radians, backend, began
         if (damped := by_damped_trials(*dampers)) is not None:
             return damped

@@ -237,12 +237,13 @@ def _active_sets(
 
 def subsample(motion: Trajectory, every: int) -> Trajectory:
     """Every so many nodes and the last, and those off the grid or of events, where the motion
-    begins anew. Nodes of a transformed time have its grid, whatever their own times.
+    begins anew. Nodes of a transformed time have its grid, whatever their own times; so have those
+    of steps that differ.
     """
     assert motion.origin is not None
     off = np.abs(motion.t - (motion.origin + motion.h * motion.k))
     grid = off <= node_tolerance(motion) * abs(motion.h)
-    if motion.fictitious is not None:
+    if motion.fictitious is not None or motion.sizes is not None:
         grid[:] = True
     abrupt = [event.time for event in motion.events if event.kind in ABRUPT]
     asked = (motion.k % every == 0) | np.isin(motion.t, abrupt)
