@@ -112,15 +112,18 @@ def simulate_to_tolerance(
     if watches:  # found as without events, which are looked for along it
         kernel = kernel_for(system, choice.rule, problem, options.backend)
         motion = looked_along(motion, motion.v, kernel, None, watches)
-    elif choice.level:
-        leap = energy_leap(motion, tol)
-        alarm = leap and leap.alarm()
-    else:
-        alarm = energy_alarm(motion, tol)
-    if not watches and alarm:
+    elif alarm := _alarm(choice, tol):
         warnings.warn(alarm, stacklevel=3)
     motion = motion if every == 1 else subsample(motion, every)
     return with_estimate(motion, choice, tol, began)
+
+
+def _alarm(choice: Choice, tol: float) -> str | None:
+    """What is wrong with the energy of a run that is chosen."""
+    if not choice.level:
+        return energy_alarm(choice.motion, tol)
+    leap = energy_leap(choice.motion, tol)
+    return leap.alarm() if leap else None
 
 
 def _watched(
