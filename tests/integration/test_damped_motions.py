@@ -266,7 +266,7 @@ def test_an_end_that_is_hardly_reached_is_as_exact_as_any(depth, held_together):
         assert moved < tol * 2
 
 
-@pytest.mark.parametrize("ends", ({}, {"events": True}, {"until": True}))
+@pytest.mark.parametrize("ends", ((), ("events",), ("until",), ("events", "until")))
 def test_every_so_many_nodes_of_steps_that_grow_are_kept(ends, held_together):
     """Some thousand equal steps before; what lies between nodes is that of all of them."""
     system, start, _ = held_together
@@ -280,7 +280,8 @@ def test_every_so_many_nodes_of_steps_that_grow_are_kept(ends, held_together):
     assert whole.sizes is not None and len(whole) < 200
     for name in ("t", "q", "p"):
         assert np.array_equal(getattr(some, name), getattr(whole, name)[kept])
-    assert some.events == whole.events
+    assert some.events == whole.events and bool(some.events) == ("events" in ends)
+    assert all(event.time <= whole.t[-1] for event in whole.events)
     times = np.linspace(0, whole.t[-1], 33)
     assert np.array_equal(some.at(times).q, whole.at(times).q)
     assert (

@@ -40,12 +40,14 @@ def damped_until(
     rule: Rule | None,
     start: InitialValueProblem,
     tol: float,
-    stop: Watch,
+    watched: tuple[Watch, list[Watch]],
     backend: str,
 ) -> Choice | None:
-    """The choice of `by_damped_trials`, whose motion ends where `stop` crosses zero; None where
-    there is none, or the error of its end cannot be told.
+    """The choice of `by_damped_trials`, whose motion ends where the first that is watched crosses
+    zero, with events of the others until then; None where there is none, or the error of its end
+    cannot be told.
     """
+    stop, watches = watched
     changes = _changes(system, stop) if may_be_damped(system) else None
     if changes is None:
         return None
@@ -60,7 +62,7 @@ def damped_until(
             return None
         runs += found.runs
         kernel = kernel_for(system, found.rule, start, backend)
-        motion = looked_along(found.motion, found.motion.v, kernel, stop, ())
+        motion = looked_along(found.motion, found.motion.v, kernel, stop, watches)
         ended = motion.t[-1] != found.motion.t[-1]
         moved = _moved(changes, motion, found.motion) if ended else 1.0
         if found.estimate * moved <= tol:

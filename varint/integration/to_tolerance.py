@@ -99,10 +99,10 @@ def simulate_to_tolerance(
         if stop is None or rows > 1:
             choice = choose(problem, options)
         else:
-            plainly = not watches and options.scale is None
-            by_dampers = system, rule, problem, tol, stop, options.backend
-            if plainly and (found := damped_until(*by_dampers)) is not None:
-                choice = found
+            by_dampers = system, rule, problem, tol, (stop, watches), options.backend
+            found = damped_until(*by_dampers) if options.scale is None else None
+            if found is not None:
+                choice, watches = found, []  # looked for already
             else:
                 choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
     if watches and choice.motion.sizes is None:
