@@ -13,7 +13,7 @@ import casadi as ca
 import pytest
 
 import varint as vi
-from varint.codegen import cache, processes
+from varint.codegen import cache, processes, source
 from varint.integration import backend, compiled_loop, few_steps
 
 pytestmark = pytest.mark.skipif(cache.compiler() is None, reason="no C compiler")
@@ -46,6 +46,28 @@ def test_another_source_or_flag_is_another_file(home, monkeypatch):
     cache.library.cache_clear()
     cache.library(SOURCE)
     assert len(list(home.iterdir())) == 3
+
+
+def test_several_are_compiled_at_the_same_time_and_once(home, monkeypatch):
+    begun, begin = [], cache.begin_compilation
+
+    def noted(text, contraction):
+        begun.append(text)
+        return begin(text, contraction)
+
+    monkeypatch.setattr(source, "begin_compilation", noted)
+    texts = [SOURCE.replace("42", str(number)) for number in (1, 2, 3, 4)]
+    assert [x.answer() for x in source.libraries(texts)] == [1, 2, 3, 4]
+    assert begun == texts[1:] and len(list(home.iterdir())) == 4
+    cache.library.cache_clear()
+    assert [x.answer() for x in source.libraries(texts)] == [1, 2, 3, 4]
+    assert begun == texts[1:] and not cache._AT_WORK
+
+
+def test_what_the_compiler_refuses_beside_another_is_named(home):
+    with pytest.raises(cache.CompileError, match="refused"):
+        source.libraries([SOURCE, "nonsense"])
+    assert cache.library(SOURCE).answer() == 42
 
 
 @pytest.mark.parametrize("mode", (0o770, 0o707))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import CDLL, addressof, c_char, c_char_p, c_int, c_int64
 from dataclasses import replace
+from time import sleep
 from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
@@ -12,7 +13,7 @@ import numpy as np
 
 from varint.codegen.arguments import c_source
 from varint.codegen.arranged import WRITTEN_OUT
-from varint.codegen.cache import WHEREVER, library
+from varint.codegen.cache import WHEREVER, begin_compilation, finished, in_cache, library
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.routines import Expressions, Routine, routines
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from varint.codegen.emit import Emitted
 
 FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
+BRIEFLY = 0.002  # seconds from one look at a compiler to the next
 MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 # statements from which on the compiler's time matters more than the last tenth of the run's
 LARGE_SOURCE = 20_000
@@ -113,13 +115,25 @@ def c_head(heads: Mapping[str, object], data: str) -> str:
 
 def compiled(source: Source) -> Kernel:
     """The kernel, compiled where it is not in the cache; raises CompileError."""
-    loop, *others = (library(text, source.contraction) for text in source.texts)
+    loop, *others = libraries(source.texts, source.contraction)
     for entry in (loop.run, loop.parts):
         entry.argtypes, entry.restype = [c_char_p], c_int
     size = c_int64.in_dll(loop, "carry_size").value
     scene = _scene_in(others[0]) if others else 0
     kernel = replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size, scene=scene)
     return replace(kernel, within_steps=getattr(loop, "within_steps", None))
+
+
+def libraries(sources: Sequence[str], contraction: str = WHEREVER) -> list[CDLL]:
+    """`library` of each; those that are to be compiled are so at the same time."""
+    missing = [x for x in sources if not in_cache(x, contraction)]
+    beside = [begin_compilation(x, contraction) for x in missing[1:]]
+    if missing:
+        library(missing[0], contraction)
+    for work in beside:
+        while work and not finished(work):
+            sleep(BRIEFLY)
+    return [library(x, contraction) for x in sources]
 
 
 def _scene_in(compiled: CDLL) -> int:
