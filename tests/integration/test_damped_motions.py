@@ -1,5 +1,7 @@
 """Scenes whose dampers are stiff: what they stop at once takes no steps."""
 
+import warnings
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -7,11 +9,13 @@ from scenes import damped_beam, resting_chain
 from scipy.integrate import solve_ivp
 
 import varint as vi
+import varint.multibody as mb
 from varint.integration.damped_motions import (
     FAST,
     STIFF,
     are_stiff,
     damped_turns,
+    has_slopes_without,
     look_function,
     may_be_damped,
 )
@@ -287,3 +291,56 @@ def test_every_so_many_nodes_of_steps_that_grow_are_kept(ends, held_together):
     assert (
         vi.simulate(system, **asked, save_every=5, progress=False).q.tobytes() == some.q.tobytes()
     )
+
+
+def arm(joints: int, damping: float, stiffness: float) -> vi.System:
+    """An arm whose links become lighter from joint to joint, each with a spring and a damper."""
+    axes, world, last = ((0, 1, 0), (1, 0, 0), (0, 0, 1)), mb.Model(), "world"
+    for i in range(joints):
+        mass = 2 * 0.7**i
+        inertia = (0.02 * mass, 0.025 * mass, 0.01 * mass)
+        link = world.body(mass, (0.02, 0.01, -0.2), inertia, f"link{i}")
+        passive = mb.Passive(damping=damping, stiffness=stiffness)
+        world.revolute(last, link, axes[i % 3], (0, 0, -0.4 if i else 0), passive=passive)
+        last = link
+    return world.system()
+
+
+@pytest.mark.parametrize("tol", (1e-4, 1e-9))
+def test_a_machine_whose_joints_are_damped_takes_few_steps(tol, tmp_path, capsys):
+    """26,000 steps and more before, a second."""
+    system, duration = arm(6, 50.0, 100.0), 3.0
+    start = {"q0": np.linspace(0.3, 0.8, 6), "v0": np.zeros(6)}
+    motion = vi.simulate(system, **start, duration=duration, tol=tol)
+    assert motion.system is system and len(motion) < 200
+    assert motion.stats["error_estimate"] <= tol
+    fine = vi.simulate(system, vi.gauss(8), **start, h=duration / 20_000, steps=20_000)
+    times = np.linspace(0, duration, 21)
+    assert np.abs(motion.at(times).q - fine.at(times).q).max() < tol
+    assert np.abs(motion.q - fine.at(motion.t).q).max() < tol
+    shown = vi.simulate(system, **start, duration=duration, tol=tol, progress=True)
+    assert shown.q.tobytes() == motion.q.tobytes()
+    capsys.readouterr()
+    motion.save(tmp_path / "arm.npz")
+    assert np.array_equal(vi.load(tmp_path / "arm.npz").at(times).q, motion.at(times).q)
+
+
+def test_a_machine_that_is_hardly_damped_is_run_by_what_it_tells_of_itself():
+    for damping, without in ((1e-4, False), (50.0, True)):
+        system, q0 = arm(6, damping, 0.0), np.linspace(0.3, 0.8, 6)
+        turned = damped_turns(system, q0, np.zeros(6), 0.0, system.default_vector, 3.0)
+        assert has_slopes_without(system, turned[1]) == without
+    plain = line(100.0, 300.0, bent=1.0)
+    assert not has_slopes_without(plain, 1e8)
+
+
+def test_an_end_at_once_is_told():
+    """A speed that is zero at the start, and soon again: a bare ValueError before."""
+    system = arm(6, 50.0, 100.0)
+    asked = {"q0": np.linspace(0.3, 0.8, 6), "v0": np.zeros(6), "duration": 3.0}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        motion = vi.simulate(system, **asked, until=system.v[0])
+    small = motion.stats["error_estimate"] <= 1e-9
+    assert small or "out of reach" in str(told[-1].message)
+    assert 0 < motion.t[-1] < 3 and abs(motion.v[-1, 0]) < 1e-7

@@ -81,6 +81,14 @@ def damped_turns(
     return (angle_turned(duration, float(lasts)), fastest) if fastest < FASTEST else None
 
 
+def has_slopes_without(system: System, fastest: float) -> bool:
+    """Whether a machine that tells its own velocities, whose iterations have no slopes, should be
+    run by its Lagrangian alone: where steps for so fast a motion take longer than writing out its
+    inertia.
+    """
+    return system.kinetics is not None and fastest >= system.structure.n**3
+
+
 @per_scene
 def _linear(system: System) -> ca.Function:
     """(q, p, t, c) → M, ∂(M a)/∂q and ∂(M a)/∂v by Lagrange's equations."""

@@ -4,17 +4,27 @@ asked for than `short_call` takes.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import scheme_of
-from varint.integration.damped_motions import are_stiff, damped_turns, look_function, may_be_damped
+from varint.integration.damped_motions import (
+    are_stiff,
+    damped_turns,
+    has_slopes_without,
+    look_function,
+    may_be_damped,
+)
 from varint.integration.gears import BY_STAGES
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import candidates, choose_rule
 from varint.integration.short_trials import by_short_trials
 from varint.numerics.arrays import call
+from varint.results.records import changed
 from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 
@@ -42,8 +52,20 @@ def by_damped_trials(
     if turned is None:
         return None
     own = rule or choose_rule(candidates(system, True, True), turned[1], tol)
-    if scheme_of(system, own) is not BY_STAGES:
+    scene = _by_lagrangian(system) if has_slopes_without(system, turned[1]) else system
+    if scheme_of(scene, own) is not BY_STAGES:
         return None
-    trials = system, own, start, mass, tol, turned, backend, began
+    trials = scene, own, start, mass, tol, turned, backend, began
     found = by_short_trials(*trials, grows=True)
-    return found if isinstance(found, Choice) else None
+    if not isinstance(found, Choice):
+        return None
+    return found if scene is system else replace(found, motion=changed(found.motion, system=system))
+
+
+@per_scene
+def _by_lagrangian(system: System) -> System:
+    """A machine by its Lagrangian alone: what it knows of its velocities makes its iterations
+    shorter, but they have no slopes.
+    """
+    s = system
+    return System(s.q, s.v, s.lagrangian, force=s.force, control=s.control, params=s.params, t=s.t)

@@ -188,7 +188,8 @@ def refine(
         left = _left(longer if leaps else ratio, ratio, rule.order)
         apart = max(seen, 0.0 if math.isinf(last) else last * left)
         if ratio in (2, LEAP) and last < math.inf:
-            drop = math.log2(max(last, FLOOR) / max(apart, FLOOR)) / max(math.log2(longer), 1.0)
+            farther = min(max(apart, FLOOR), 1 / FLOOR)  # without end where a run is over at once
+            drop = math.log2(max(last, FLOOR) / farther) / max(math.log2(longer), 1.0)
             order = min(max(drop if over_jumps else min(drop, shown), LEAST_ORDER), rule.order)
             shown = drop
         before = steps, motion

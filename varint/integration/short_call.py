@@ -24,7 +24,7 @@ from varint.codegen.two_runs import (
     Rates,
     runs_made,
 )
-from varint.integration.damped_motions import are_stiff, damped_turns
+from varint.integration.damped_motions import are_stiff, damped_turns, has_slopes_without
 from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
 from varint.integration.linear_run import MAPPED, is_one_map
@@ -108,7 +108,7 @@ def short_call(
         if seen is None or seen[2] != duration or seen[3] != t0:
             check_steps(t0, duration, 1)
         pilot, turned, plain = seen_in(room, system, known, begin, t0, c, duration, known.damped)
-        if events and turned is not plain:
+        if turned is not plain and (events or has_slopes_without(system, turned[1])):
             return None
         runs, watched = 0, Watched(None, events, p0 is not None) if events else None
         if pilot is None:
