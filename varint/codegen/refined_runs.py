@@ -94,7 +94,7 @@ def refined_course(
         Of motions whose error the stages of their steps tell.
     grows : int
         0: steps may be halved on the way; 1: and grow where the motion settles; 2: and beyond what
-        stiff dampers stop at once; −1: neither.
+        stiff dampers stop at once; 3: there alone; −1: neither.
     fitted : int
         Steps at most of runs whose steps are shorter where forces bend; 0: none are.
     by_velocity : bool

@@ -34,12 +34,12 @@ LASTS = 20.0  # what falls by less than e to this in the whole duration
 
 
 def may_be_damped(system: System) -> bool:
-    """Whether forces on velocities may be stiff, in a scene that is looked at for this: steps grow
-    where nothing depends on time, and linear scenes have maps.
+    """Whether forces on velocities may be stiff, in a scene that is looked at for this: linear
+    scenes have maps.
     """
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts
-    free = s.autonomous and not (held or s.degenerate or s.linear or system.rays)
+    free = not (held or s.degenerate or s.linear or system.rays)
     return free and s.force_on_velocity and s.n <= MOST_COORDINATES
 
 

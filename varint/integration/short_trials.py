@@ -264,8 +264,12 @@ def course_by(system: System, rule: Rule, kernel: Kernel, grows: bool = False) -
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             visible = piloted and not (driven or held or s.degenerate)
             may_grow = int(visible and not forces) if grows else -1
-            if may_grow > 0 and may_be_damped(system):
-                may_grow, pieces = 2, (pieces[0], first_piece(kernel, False) * DAMPED)
+            if grows and visible and may_be_damped(system):
+                # what depends on time may begin late: steps grow beside stiff dampers alone
+                may_grow, pieces = (
+                    3 if forces else 2,
+                    (pieces[0], first_piece(kernel, False) * DAMPED),
+                )
                 how = kernel, energy, forces, looks, rule.order, pieces
             looks_at = graded.stage_looks(system, rule) if visible else None
             # as many in either gear

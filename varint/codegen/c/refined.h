@@ -28,7 +28,7 @@ typedef struct {
     int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     int64_t bend_looks;      /* so many */
     const double *heights;   /* those of grades.h; 0: stages are not looked at */
-    int64_t unknowns, stages, padded, grows; /* whether steps may grow; 2: beyond what stiff dampers stop at once; less: they are not halved either */
+    int64_t unknowns, stages, padded, grows; /* whether steps may grow; 2: beyond what stiff dampers stop at once, 3: there alone; less: they are not halved either */
     Grades *grades;          /* 0: this is filled in here */
     int64_t fitted;          /* steps at most of runs whose steps are shorter where forces bend; 0: all are equal there, too */
     int64_t by_velocity;     /* velocities are made by the runs, for they have no formula */
@@ -157,10 +157,11 @@ static int try_growing_to(const Refined *a, double wanted, int64_t steps, double
     begin_grades(g, steps, a->t0, a->duration);
     memcpy(begin, a->start, 2 * n * sizeof(double)), memset(largest, 0, sizeof largest), memset(farthest, 0, sizeof farthest);
     for (int64_t k = 0, next, quiet = 0; k < g->all; k = next) {
-        const double h = g->at[g->count - 1].h;
+        const Begin *const last = g->at + g->count - 1;
+        const double h = last->h;
         next = next_look(g, k);
         if (next > room) return 0;
-        if (!go_on(a, begin, a->t0, k, h, quiet ? level : level * coarser, most, k, next, carry, stats, 0, to)) break;
+        if (!go_on(a, begin, last->t, k - last->first, h, quiet ? level : level * coarser, most, k, next, carry, stats, 0, to)) break;
         if (next == g->all) continue;
         const Seen now = look_at(&looked, carry, h, to->rows + 3 * n * k, next - k);
         to->lost = g->count > 1 && !now.shown;

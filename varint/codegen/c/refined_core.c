@@ -224,7 +224,7 @@ int refined(const Refined *asked) {
     own.grades = &grades;
     int64_t runs = 0;
     int halves = own.grows >= 0 && own.heights && !own.table.rows && !own.search.sought && !(own.limits->repeated > 0),
-        grows = own.grows > 0 && !own.search.sought && own.first >= (int64_t)own.limits->fewest;
+        grows = own.grows > 0 && !own.search.sought && own.first >= (int64_t)own.limits->fewest && (own.grows < 3 || usual_steps(asked) > 1);
     if (own.search.sought) own.fitted = 0;
     for (;;) { /* until steps that differ have proved it, or equal ones are to */
         const int could = halves, result = prove(&own, grows, &halves, &runs), fitted = grades.at && grades.at != grades.own;
