@@ -108,14 +108,15 @@ def simulate(
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that
         come together; where the scene's time scale varies much, as in close encounters, steps
         follow it as with ``time_scale="auto"``. Steps grow where a motion settles under forces
-        that do not depend on time, and are shorter where forces bend sharply with the velocity, as
-        friction that is rounded, or runs of few equal steps are lost (`Trajectory.sizes`), unless
-        more than its nodes is asked for: events (but where dampers are stiff), an end, every so
-        many nodes. Linear scenes with stiff dampers, where no more is asked for and nothing drives
-        them, take steps that resolve these, and nodes many steps apart (`Trajectory.k`). Where
-        forces or potentials jump or kink, steps end there, and dry friction holds what it stops.
-        ``stats["error_estimate"]`` is what the runs' differences say, with a warning where that
-        stays above tol, as round-off and chaos may have it.
+        that do not depend on time, and where stiff dampers have stopped what they stop at once;
+        they are shorter where forces bend sharply with the velocity, as friction that is rounded,
+        or runs of few equal steps are lost (`Trajectory.sizes`), unless more than its nodes is
+        asked for and no dampers are stiff: events, an end, every so many nodes. Linear scenes with
+        stiff dampers, where no more is asked for and nothing drives them, take steps that resolve
+        these, and nodes many steps apart (`Trajectory.k`). Where forces or potentials jump or kink,
+        steps end there, and dry friction holds what it stops. ``stats["error_estimate"]`` is what
+        the runs' differences say, with a warning where that stays above tol, as round-off and chaos
+        may have it.
     scale : float or array (n,), optional
         What errors of the coordinates are divided by. Default: the range of each coordinate during
         the motion (of a body's x, y, z together; of an angle at most a radian).
