@@ -10,8 +10,10 @@ from time import perf_counter
 import numpy as np
 
 from varint.codegen.cache import CompileError
+from varint.codegen.graph import NotCompilable
+from varint.codegen.kernel import Kernel
 from varint.codegen.times import states_at_times
-from varint.integration.compiled_loop import kernel_in_gear
+from varint.integration.compiled_loop import kernel_in_gear, kernel_of
 from varint.integration.gears import kernel_after
 from varint.integration.many_times import within_now
 from varint.results.records import changed
@@ -38,7 +40,7 @@ def states_by_core(
         return None
     if motion.functions.at_once is None:
         return None
-    kernel = kernel_in_gear(system, motion.rule)
+    kernel = kernel_in_gear(system, motion.rule) or _compiled_for(motion)
     if kernel is None:
         return None
     nodes, sizes = (motion.t, motion.q, motion.p, motion.k), motion.sizes
@@ -53,3 +55,12 @@ def states_by_core(
     if looking:
         kernel_after(looking, perf_counter() - now, 0.0)
     return found
+
+
+def _compiled_for(motion: Trajectory) -> Kernel | None:
+    """The loop that made a motion, where it had to be compiled first."""
+    if not str(motion.stats.get("backend")).startswith("compiled"):
+        return None
+    with suppress(NotCompilable, CompileError):
+        return kernel_of(motion.system, motion.rule)
+    return None
