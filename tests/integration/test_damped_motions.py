@@ -347,16 +347,15 @@ DRIVES = {
 
 
 @pytest.mark.parametrize("tol", (1e-4, 1e-9))
-@pytest.mark.parametrize("t0", (0.0, -1.0))
 @pytest.mark.parametrize("drive", DRIVES)
-def test_driven_scenes_with_stiff_dampers_take_few_steps(drive, t0, tol):
+def test_driven_scenes_with_stiff_dampers_take_few_steps(drive, tol):
     """By sin(2 t) 7,168 equal steps at 1e-9 before; what begins late is met by long steps."""
     (q, v), t = vi.coordinates("x", "y"), vi.time()
     push = -5000.0 * ca.vertcat(v[0] - v[1], v[1] - v[0]) + ca.vertcat(DRIVES[drive](t), 0)
     energy = 20 * q[0] ** 2 + 5 * q[1] ** 4
     system = vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=push, t=t)
     asked = {"q0": [1.0, 0.5], "v0": [0.0, 0.0], "duration": 5.0, "tol": tol}
-    motion = vi.simulate(system, **asked, t0=t0)
+    motion = vi.simulate(system, **asked, t0=-1.0)
     if drive == "from the start":
         assert len(motion) < 150 and motion.sizes is not None
     slopes = ca.gradient(system.lagrangian, q) + system.force
@@ -374,7 +373,7 @@ def test_driven_scenes_with_stiff_dampers_take_few_steps(drive, t0, tol):
         return np.vstack((np.eye(2, 4, 2), found.reshape(4, 2).T))
 
     how = {"rtol": 1e-10, "atol": 1e-12, "jac": jacobian, "max_step": 0.01}
-    exact = solve_ivp(rates, (t0, t0 + 5), [1.0, 0.5, 0.0, 0.0], "Radau", t_eval=motion.t, **how)
+    exact = solve_ivp(rates, (-1.0, 4.0), [1.0, 0.5, 0.0, 0.0], "Radau", t_eval=motion.t, **how)
     assert np.abs(motion.q - exact.y[:2].T).max() < tol + 1e-9
 
 
