@@ -117,11 +117,9 @@ def short_call(
                 system, known, room, c, t0, duration, tol, turned, began, rates, watched, times
             )  # not by a tuple, whose time counts
             if type(found) is not Trajectory and turned is not plain:
-                runs, turned = runs_made(room.places), plain  # steps did not grow to what lasts
+                turned = plain  # steps did not grow to what lasts
                 how = system, known, room, c, t0, duration, tol, turned, began
                 found = by_the_core(*how, rates, watched, times)
-                if type(found) is Trajectory:
-                    return with_stats(found, runs=runs + found.stats["runs"])
             if type(found) is not int or found < VARIES:
                 return found
             if watched is not None:
