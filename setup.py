@@ -22,6 +22,7 @@ CORE = "varint.codegen._core"
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
 NAMES = (
     "",
+    "dense_",
     "sweep_gauss_",
     "newton_",
     "explicit_",
@@ -46,7 +47,7 @@ NAMES = (
     "tape_",
     "algebra_",
     "dependence_",
-)  # the first two for every shape
+)  # the first three for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 8 or 12
 # stages, and for 16, by which motions are looked at within steps
 SHAPES = {
@@ -98,11 +99,11 @@ class BuildCore(build_ext):
                 depends=ext.depends,
             )
 
-        gauss, sweep, *others = ext.sources
+        gauss, dense, sweep, *others = ext.sources
         variants = [(source, level, ()) for source in others for level in levels()]
         for level in levels():
             variants += [(gauss, level, (*x, form)) for x in SHAPES[level] for form in (1, 2)]
-            variants += [(sweep, level, x) for x in SHAPES[level]]
+            variants += [(source, level, x) for source in (dense, sweep) for x in SHAPES[level]]
         described = next(x for x in variants if x[2][:1] > (1,))  # by the functions of its vectors
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             objects = [path for paths in pool.map(compiled, variants) for path in paths]

@@ -2,6 +2,11 @@
 gradients find.
 """
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,6 +14,7 @@ import pytest
 import varint as vi
 from varint.codegen import gauss
 from varint.codegen.arguments import DONE, NOT_CONVERGED
+from varint.codegen.built import built_library
 from varint.codegen.cache import compiler
 from varint.codegen.gauss import gauss_kernel
 from varint.codegen.kernel import run_loop
@@ -113,6 +119,7 @@ def test_energy_and_angular_momentum_of_a_free_chain_stay_at_round_off():
         h=0.01,
         steps=2000,
         save_every=20,
+        backend="compiled",
         progress=False,
     )
     energy, turning = motion.energy, motion.p.sum(axis=1)
@@ -120,6 +127,68 @@ def test_energy_and_angular_momentum_of_a_free_chain_stay_at_round_off():
     assert np.abs(motion.q[-1] - q0).max() > 10
     assert np.abs(energy / energy[0] - 1).max() < 2e-14
     assert np.abs(turning / turning[0] - 1).max() < 2e-15
+
+
+@pytest.mark.parametrize("stages", (1, 2, 3, 4, 8, 11))
+@pytest.mark.parametrize("scene", ("hanging", "driven"))
+def test_the_scene_as_data_gives_the_same_bytes(stages, scene, hanging):
+    system, rule = (hanging if scene == "hanging" else driven()), vi.gauss(stages)
+    q0, v0 = start()
+    u = np.random.default_rng(stages).uniform(-1, 1, (12, stages, 1)) if scene == "driven" else None
+    motions = [
+        vi.simulate(
+            system, rule, q0=q0, v0=v0 + 0.3, h=0.02, steps=12, t0=0.7, u=u, backend=backend
+        )
+        for backend in ("native", "compiled")
+    ]
+    for name in ("q", "v", "p"):
+        assert np.array_equal(*(getattr(motion, name) for motion in motions))
+    between = 0.7 + np.linspace(0, 0.24, 9)
+    assert np.array_equal(*(motion.at(between).q for motion in motions))
+    assert "native" in motions[0].stats["backend"]
+
+
+FILLED = """
+#include <stddef.h>
+#include <string.h>
+void *__libc_memalign(size_t, size_t);
+void *aligned_alloc(size_t a, size_t size) {
+    void *found = __libc_memalign(a, size);
+    return found ? memset(found, 0xff, size) : found;
+}
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is filled by the GNU C library's names")
+@pytest.mark.skipif(built_library() is None, reason="built without a compiler")
+def test_what_memory_holds_changes_nothing(tmp_path):
+    """The factorisation goes by blocks of eight rows; behind the last one are zeros, and not what
+    memory holds: here no numbers.
+    """
+    script = (
+        "import numpy as np, varint as vi\n"
+        "from test_compiled_dense import chain, start\n"
+        "for links in (21, 29):\n"
+        "    q0, v0 = start(links)\n"
+        "    how = dict(q0=q0, v0=v0, h=0.02, steps=5, backend='native')\n"
+        "    motion = vi.simulate(chain(links), vi.gauss(4), **how)\n"
+        "    print(motion.stats['iterations'], motion.q[-1].tobytes().hex())\n"
+    )
+    source, filled = tmp_path / "filled.c", tmp_path / "filled.so"
+    source.write_text(FILLED)
+    subprocess.run([*compiler(), "-shared", "-fPIC", "-o", filled, source], check=True)
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", script],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=Path(__file__).parent,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | preloaded,
+        ).stdout
+        for preloaded in ({}, {"LD_PRELOAD": str(filled)})
+    ]
+    assert len(told[0].split()) == 4 and told[0] == told[1]
 
 
 @pytest.mark.parametrize("lanes", (4, 2, 1))

@@ -36,9 +36,14 @@ def gauss_loop(lanes: int, vectors: int, form: int) -> Loop:
         If it was not built with the package and there is no compiler.
     """
     names = f"{{name}}_{{level}}_{lanes}_{vectors}_{form}"
-    shape = {"LANES": lanes, "VECTORS": vectors, "FORM": form}
-    within_steps = _entries("core.c", ("within_steps",), names, shape)[0]
-    return _loop("core.c", names, shape)._replace(within_steps=within_steps)
+    return _loop_of_stages("core.c", names, {"LANES": lanes, "VECTORS": vectors, "FORM": form})
+
+
+@lru_cache(maxsize=32)
+def dense_loop(lanes: int, vectors: int) -> Loop:
+    """The same for scenes of c/dense.c; raises CompileError as `gauss_loop` does."""
+    names = f"{{name}}_dense_{{level}}_{lanes}_{vectors}"
+    return _loop_of_stages("dense_core.c", names, {"LANES": lanes, "VECTORS": vectors})
 
 
 @cache
@@ -220,6 +225,11 @@ def _loop(file: str, names: str, defines: dict[str, int]) -> Loop:
         entry.argtypes, entry.restype = [c_char_p], c_int
     size.argtypes, size.restype = [c_void_p], c_int64
     return Loop(run, parts, size)
+
+
+def _loop_of_stages(file: str, names: str, shape: dict[str, int]) -> Loop:
+    within_steps = _entries(file, ("within_steps",), names, shape)[0]
+    return _loop(file, names, shape)._replace(within_steps=within_steps)
 
 
 def _entries(

@@ -14,7 +14,7 @@ import numpy as np
 
 from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of, start_of
-from varint.codegen.core import Loop, explicit_loop, gauss_loop
+from varint.codegen.core import Loop, dense_loop, explicit_loop, gauss_loop
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system
@@ -46,12 +46,14 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
     """
     x = gauss_scheme(system, len(rule.nodes))
     n, controls = system.q.numel(), system.control.numel()
-    if x.geometry or n > MOST_COORDINATES or controls > MOST_CONTROLS:
+    if n > MOST_COORDINATES or controls > MOST_CONTROLS:
         raise NotCompilable(TOO_LARGE)
     tapes = tapes_of(x.functions, MOST_OF_MACHINES if x.by_defect else MOST_OPERATIONS)
-    names = ("rhs", "drift") if x.form == 2 else ("kick", "drift")
+    names = ("rhs" if x.form == 2 else "kick", "drift", "inertia")
+    if x.geometry:
+        names = ("geometry", "product", "push")
     at_nodes = "legendre" if x.legendre_iterations else "velocity", "momentum"
-    ordered = [tapes.get(name, NOTHING_TO_DO) for name in (*names, "inertia", *at_nodes)]
+    ordered = [tapes.get(name, NOTHING_TO_DO) for name in (*names, *at_nodes)]
     tables = list(tableau_arrays(x.stages, x.lanes, x.diagonals).values())
     needs = (np.array(needed, np.int8) for needed in x.needs.values())
     counts = (
@@ -65,11 +67,13 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
         x.legendre_iterations,
         HALVINGS,
         x.work,
+        x.geometry,
     )
     block = block_of([*counts, *needs, tables, *ordered])
     first = next(iter(x.functions.values()))
     heads = x.about, n, controls, x.stages, first.sizes.operations
-    return kernel_on(heads, gauss_loop(x.lanes, x.vectors, x.form), block)
+    loop = dense_loop(x.lanes, x.vectors) if x.geometry else gauss_loop(x.lanes, x.vectors, x.form)
+    return kernel_on(heads, loop, block)
 
 
 @kernel_per_system

@@ -9,6 +9,7 @@
 #ifdef DIGEST /* of the sources: a library built from others is not used */
 const char digest[] = DIGEST;
 #endif
+#define DENSE 0
 #include "lanes.h"
 #ifdef DIGEST
 const int newer_functions = NEWER_FUNCTIONS;

@@ -60,7 +60,7 @@ INLINE void respond(Step *s, const Nodes *at, double h, const double *w, V first
     if (!seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
 #else
 #if DENSE
-    renew(&first[0][0], &s->t[0], w, &s->renewals), left_of_speeds = s->left;
+    renew(&first[0][0], &s->t[0], w, &s->renewals), *left_in(w) = s->left;
     for (int k = 0; k < VECTORS; k++) guess(&s->x[0][k], at->b[k], &fresh[0][k]);
 #endif
     for (int k = 0; k < VECTORS; k++) {

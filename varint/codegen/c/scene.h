@@ -6,11 +6,12 @@
 #define MOST_NU 64
 
 typedef struct {
-    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect, legendre_iterations, halvings, work;
+    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect, legendre_iterations, halvings, work, geometry;
     const char *needs_q, *needs_p;
     const double *const *tables;
     /* accelerations; or forces, and velocities made of new momenta, and inertias where these are of momenta that are missed;
-       velocities of momenta, or where they are found by Newton's method what is missing and its correction (legendre.h) */
+       velocities of momenta, or where they are found by Newton's method what is missing and its correction (legendre.h). Those
+       of dense.c in place of the first three: geometry, which leaves so many numbers to the others, product and push. */
     Tape rhs[2], inertia, velocity, momentum;
 } Scene;
 static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
@@ -63,6 +64,26 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define RHS_W (KICK_W + DRIFT_W + INERTIA_W)
 #define VELOCITY_W FILE_SIZE(velocity)
 #define MOMENTUM_W FILE_SIZE(momentum)
+#if DENSE
+#define GEOMETRY ((int)scene->geometry)
+#define GEOMETRY_W KICK_W
+#define PRODUCT_W DRIFT_W
+#define PUSH_W INERTIA_W
+#define STRIDE VECTORS
+INLINE void geometry_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[0], c, w); }
+INLINE void product_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[1], c, w); }
+INLINE void push_prepare(const double *c, double *w) { prepare_tape(&scene->inertia, c, w); }
+INLINE void geometry(const V *q, const V *t, const double *w, V *g, V *d) {
+    evaluate_tape(&scene->rhs[0], (const V *const[]){q, t}, (V *const[]){g, d}, 1, w);
+}
+INLINE void product(const V *q, const V *g, const V *v, const V *t, const double *w, V *y) {
+    evaluate_tape(&scene->rhs[1], (const V *const[]){q, g, v, t}, (V *const[]){y}, 1, w);
+}
+INLINE void push(const V *q, const V *g, const V *v, const V *t, const V *u, const double *w, V *f) {
+    evaluate_tape(&scene->inertia, (const V *const[]){q, g, v, t, u}, (V *const[]){f}, 1, w);
+}
+#include "dense.c"
+#endif
 
 INLINE double *registers(void) {
     return aligned_alloc(64, ((RHS_W + VELOCITY_W + MOMENTUM_W + LANES) * sizeof(double) + 63) / 64 * 64);
@@ -71,11 +92,15 @@ INLINE double *registers(void) {
 INLINE V *taken_room(void) {
     return aligned_alloc(64, (size_t)(scene->rhs[0].outputs + scene->inertia.outputs + 1) * VECTORS * sizeof(V) / 64 * 64 + 64);
 }
+INLINE void velocity_prepare(const double *c, double *w) { prepare_tape(&scene->velocity, c, w); }
+INLINE void momentum_prepare(const double *c, double *w) { prepare_tape(&scene->momentum, c, w); }
+INLINE void momentum(const V *q, const V *v, const V *t, const double *w, V *p) {
+    evaluate_tape(&scene->momentum, (const V *const[]){q, v, t}, (V *const[]){p}, 1, w);
+}
+#if !DENSE
 INLINE void kick_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[0], c, w); }
 INLINE void drift_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[1], c, w); }
 INLINE void inertia_prepare(const double *c, double *w) { prepare_tape(&scene->inertia, c, w); }
-INLINE void velocity_prepare(const double *c, double *w) { prepare_tape(&scene->velocity, c, w); }
-INLINE void momentum_prepare(const double *c, double *w) { prepare_tape(&scene->momentum, c, w); }
 #if FORM == 2
 INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
 INLINE void rhs(const V *q, const V *v, const V *t, const V *u, const double *w, V *a) {
@@ -100,6 +125,4 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
     if (LEGENDRE_ITERATIONS) inverted(q, p, t, w, v);
     else evaluate_tape(&scene->velocity, (const V *const[]){q, p, t}, (V *const[]){v}, 1, w);
 }
-INLINE void momentum(const V *q, const V *v, const V *t, const double *w, V *p) {
-    evaluate_tape(&scene->momentum, (const V *const[]){q, v, t}, (V *const[]){p}, 1, w);
-}
+#endif
