@@ -243,3 +243,43 @@ def test_without_a_compiler_the_loop_that_was_built_runs(tmp_path):
         assert loop == "interpreted"
     else:
         assert loop == "native:" and digits == ours.q[-1].tobytes().hex()
+
+
+def test_without_a_compiler_at_any_time_scenes_with_forces_are_interpreted(tmp_path):
+    """Nothing was built with the package, and nothing can be compiled: by default, all is as it
+    is elsewhere, only slower.
+    """
+    script = """
+import varint.codegen.built as built
+built.built_library = built.built_module = lambda: None
+import warnings
+warnings.simplefilter("ignore")
+import casadi as ca, numpy as np, varint as vi
+q, v = vi.coordinates("x", "y")
+t = vi.time()
+for damper, drive in ((0.1, 0), (300.0, 0), (0.1, ca.sin(3 * t)), (300.0, ca.sin(3 * t))):
+    way = damper * (v[1] - v[0])
+    force = ca.vertcat(way + drive, -way - 0.2 * v[1])
+    moving = ca.sumsqr(v) / 2 + ca.cos(q[0]) - ca.sumsqr(q) / 2 - q[1] ** 4
+    system = vi.System(q, v, moving, force=force, t=t)
+    start = dict(q0=[1.0, 0.2], v0=[0.0, 0.5], duration=1.5, tol=1e-6)
+    for more in ({}, dict(at=np.linspace(0, 1.5, 4)), dict(until=q[0]), dict(events={"low": q[0]})):
+        motion = vi.simulate(system, **start, **more)
+        print(*motion.q[-1], motion.t[-1])
+        loop = motion.stats.get("backend", "")
+        assert not loop.startswith(("native", "compiled")) or not LACKING, loop
+"""
+    told = []
+    for lacking in (True, False):
+        room = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+        text = script.replace("LACKING", str(lacking))
+        if lacking:
+            room |= {"PATH": "", "CC": ""}
+        else:
+            text = text.replace("built.built_library", "was")
+        done = subprocess.run(
+            [sys.executable, "-c", text], capture_output=True, text=True, env=room, check=True
+        )
+        told.append(np.array([line.split() for line in done.stdout.splitlines()], float))
+    assert told[0].shape == (16, 3)
+    assert np.abs(told[0] - told[1]).max() < 3e-6

@@ -41,3 +41,34 @@ def test_a_blow_on_a_contact_whose_gradient_vanishes_is_refused(place):
         vi.InputError, match="contact 0 closes at t = 0 where its gap has no gradient"
     ):
         vi.simulate(squared, q0=place, v0=-1.0, h=0.001, steps=1)
+
+
+def rolling_up():
+    """Rolls along (x, x, z), which is nearly upwards where x is small, under a ceiling that pulls."""
+    q, v = vi.coordinates("x", "y", "z")
+    rolling = ca.horzcat(q[0], q[0], q[2])
+    moving = ca.sumsqr(v) / 2 - q[0]
+    return vi.System(q, v, moving, nonholonomic=rolling, contact=q[2] - 1, restitution=0.0)
+
+
+@pytest.mark.parametrize("backend", ["auto", "interpreted"])
+@pytest.mark.parametrize("x", [0.0, 7e-13, 1e-9])
+def test_a_blow_that_constraints_leave_nothing_of_is_refused(x, backend):
+    """Divided by that nothing it was a bare ZeroDivisionError."""
+    start = {"q0": [x, 0.0, 1.0], "v0": [0.0, 1.0, -x], "h": 1e-3, "backend": backend}
+    if x == 0.0:
+        motion = vi.simulate(rolling_up(), steps=1, **start)
+        assert motion.q[-1, 2] == pytest.approx(1.0, abs=1e-8)
+        return
+    with pytest.raises(vi.InputError, match="contact 0 closes at t = 0 where the constraints"):
+        vi.simulate(rolling_up(), steps=5, **start)
+
+
+@pytest.mark.parametrize("backend", ["auto", "interpreted"])
+def test_a_blow_that_constraints_leave_little_of_is_given(backend):
+    x = 1e-5
+    start = {"q0": [x, 0.0, 1.0], "v0": [0.0, 1.0, -x], "h": 1e-3, "backend": backend}
+    motion = vi.simulate(rolling_up(), steps=1, **start)
+    slid = motion.events[0].v_after
+    assert abs(slid[2]) < 1e-12
+    assert slid[0] == pytest.approx(-0.5, abs=1e-4) and slid[1] == pytest.approx(0.5, abs=1e-4)

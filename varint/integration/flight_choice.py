@@ -24,6 +24,7 @@ from varint.integration.events.enclosures import (
 from varint.integration.events.flights import Flights
 from varint.integration.events.gaps import HALVINGS, MOST_LOOKS, NEWTON
 from varint.integration.events.impacts import (
+    DEPENDENT,
     FLAT,
     MOST_IMPACTS,
     PULL,
@@ -53,6 +54,7 @@ NUMBERS = {
     "ZENO": ZENO,
     "LOCATED": LOCATED,
     "NEAR": NEAR,
+    "DEPENDENT": DEPENDENT,
     "FLAT": FLAT,
     "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
     "SHORTEST": 0.5**HALVINGS,

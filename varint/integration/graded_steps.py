@@ -23,7 +23,7 @@ from functools import cache
 
 import numpy as np
 
-from varint.codegen.gauss import gauss_scheme
+from varint.codegen.gauss import gauss_form, lanes_for
 from varint.codegen.refined_runs import StageLooks
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -38,9 +38,9 @@ TURNED = 8.0  # radians of the fastest small motion at most; e⁸ has a relative
 
 def stage_looks(system: System, rule: Rule) -> StageLooks:
     """How the core looks at the unknowns of the last step of a run by a Gauss rule."""
-    x = gauss_scheme(system, len(rule.nodes))
-    unknowns = (1 if x.form == 2 else 2) * system.structure.n
-    return StageLooks(_heights(x.stages, x.padded), (unknowns, x.stages, x.padded))
+    stages, unknowns = len(rule.nodes), (3 - gauss_form(system)) * system.structure.n
+    _, padded = lanes_for(stages)
+    return StageLooks(_heights(stages, padded), (unknowns, stages, padded))
 
 
 @cache

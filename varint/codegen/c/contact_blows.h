@@ -11,7 +11,8 @@ INLINE void release(Work *x, int j) {
 INLINE double length_of(const Work *x, int64_t row) { return sqrt(sum_of(x->slope + row * N, x->slope + row * N, N)); }
 
 /* The blow that turns the rate r of a contact to -e r: what holds takes its part of it, elastic contacts hand it on, and
-   others let go where they would be pulled, unless all stay closed. The same as `_reflect` in impacts.py; `from` is seen. */
+   others let go where they would be pulled, unless all stay closed. The same as `_reflect` in impacts.py; `from` is seen. Not where
+   the constraints leave no part of it. */
 static int reflect(Work *x, const double *from, int struck, double e, int sticks, double *to, double *impulse) {
     double y[N + x->held[0]], row[N];
     const double length = length_of(x, FIRST + struck), sense = -RATE_OF(from)[struck];
@@ -40,6 +41,12 @@ static int reflect(Work *x, const double *from, int struck, double e, int sticks
     COPY(row, CONTACT_ROW(struck), N);
     for (int j = 0; j < x->held[0]; j++)
         for (int d = 0; d < N; d++) row[d] += y[N + j] * HELD_ROW(j)[d];
+    double whole = 0, left = 0;
+    for (int d = 0; d < N; d++) {
+        const double inertia = fabs(x->mass[d * N + d]), own = CONTACT_ROW(struck)[d];
+        if (inertia > 0) whole += own * own / inertia, left += row[d] * row[d] / inertia;
+    }
+    if (whole > 0 && !(left > DEPENDENT * DEPENDENT * whole)) return 0;
     COPY(to, from, POINT);
     const double unit = sum_of(CONTACT_ROW(struck), y, N);
     double *const p = P_OF(to), *const rest_p = REST_OF(to) + N;

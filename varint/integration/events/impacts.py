@@ -18,6 +18,7 @@ import numpy as np
 
 from varint.discrete.consistency import independent
 from varint.discrete.constraints import ActiveSet, multiplier_function, multipliers_along
+from varint.discrete.inertia import inertia_roots
 from varint.errors import StepRefused
 from varint.integration.events.contacts import Instant, View, first_contact, least_pull, view
 from varint.numerics.arrays import call, lengths
@@ -33,6 +34,7 @@ ZENO = 1e-5  # of a step: a body that would fly for a shorter time comes to rest
 MOST_IMPACTS = 1000  # between two nodes of the grid; after as many, bodies come to rest
 RESTLESS = 10  # events in a step after which contacts that hold do so until its end
 SPEED_OF_NOTHING = 1e-300  # under a division
+DEPENDENT = 1e-7  # of a gradient: what is left of it beside those of constraints that hold
 FLAT = 1e-150  # of a gradient: its square must be a number, too
 
 
@@ -192,15 +194,12 @@ def _reflect(
     while True:
         rows = seen.slope[[*fixed, *(first + i for i in holding)]]
         y, shares = _answer(seen.mass, rows, row)
-        unit = float(row @ y)
-        impulse = -(1 + bounce) * float(seen.rate[hit]) / unit
-        rest = -(1 + bounce) * float(y @ now.carry) / unit
         felt = np.empty(0)
         if holding:
             blows = np.append(shares[len(fixed) :], 1.0) * lengths(
                 seen.slope[[*(first + i for i in holding), first + hit]]
             )
-            felt = math.copysign(1.0, impulse) * blows[:-1] / np.abs(blows).max()
+            felt = math.copysign(1.0, -float(seen.rate[hit])) * blows[:-1] / np.abs(blows).max()
         elastic = [
             i
             for i, x in zip(holding, felt, strict=True)
@@ -213,7 +212,16 @@ def _reflect(
         else:
             break
     active_set = _solvable(system, now, seen, holding)
-    blow = row + rows.T @ shares
+    blow, size = row + rows.T @ shares, inertia_roots(seen.mass)
+    if lengths(blow / size) <= DEPENDENT * lengths(row / size):
+        raise StepRefused(
+            f"contact {hit} closes at t = {now.t:g} where the constraints alone say how its gap "
+            "changes, so no impulse can open it: start elsewhere, or give constraints that leave "
+            "the gap free"
+        )
+    unit = float(row @ y)
+    impulse = -(1 + bounce) * float(seen.rate[hit]) / unit
+    rest = -(1 + bounce) * float(y @ now.carry) / unit
     after = replace(now.pushed(impulse * blow, rest * blow), active_set=active_set)
     return after, view(system, after, setting.c), impulse
 
