@@ -44,7 +44,7 @@ def test_a_blow_on_a_contact_whose_gradient_vanishes_is_refused(place):
 
 
 def rolling_up():
-    """Rolls along (x, x, z), which is nearly upwards where x is small, under a ceiling that pulls."""
+    """Rolls along (x, x, z), nearly upwards where x is small, and pushed along x."""
     q, v = vi.coordinates("x", "y", "z")
     rolling = ca.horzcat(q[0], q[0], q[2])
     moving = ca.sumsqr(v) / 2 - q[0]
