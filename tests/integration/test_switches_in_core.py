@@ -253,3 +253,19 @@ def test_events_and_the_stop_are_those_of_pieces_that_are_searched_one_by_one(
         np.testing.assert_allclose(times(some), times(others), rtol=1e-12)
         assert some.t.tobytes() == others.t.tobytes() or abs(some.t - others.t).max() < 1e-11
     assert abs(together[1].t[-1]) < abs(duration)
+
+
+def test_times_of_switches_are_found_to_the_last_digit_and_anew_for_other_parameters():
+    q, v = vi.coordinates("x")
+    t, c = vi.time(), vi.Parameters(when=1.0)
+    push = ca.if_else(t < c.when, 1, 0) + ca.if_else(t > 2 * c.when, 1, 0) + ca.sign(ca.sin(7 * t))
+    system = vi.System(q, v, v**2 / 2, force=push, params=c, t=t)
+    for when in (1.0, 1.0, 1.3):
+        asked = np.array([when]), 0.0, 3.0, np.empty((1, 0))
+        table = timetable(system, *asked)
+        exact = sorted([when, 2 * when, *(np.pi / 7 * np.arange(1, 7))])
+        assert np.abs(table.times - exact).max() <= 2 * np.spacing(3.0)
+        before = np.nextafter(table.times, 0.0) - np.spacing(3.0)
+        assert (table.values[1:] != table.values[:-1]).any(axis=1).all()
+        assert (before < exact).all()
+    assert timetable(system, *asked) is table

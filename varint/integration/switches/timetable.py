@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -14,6 +15,7 @@ from varint.scene.system import System
 
 LOOKS, MOST_LOOKS = 2**10, 2**18  # times at which they are looked at
 SAME = 3  # numbers of looks, each twice the one before, that find the same
+PARTS = 16  # into which what holds a change is cut, again and again
 AT_ONCE = 16 * np.finfo(float).eps  # relative: switches that are this near are one
 
 
@@ -59,6 +61,25 @@ def timetable(
     """When the switches by time alone are during a run, and when controls, (rows, controls), each
     of which acts as long as the others, change.
     """
+    asked = c.tobytes(), t0, total, controls.shape, controls.tobytes()
+    last = _last_found(system)
+    found = last.get(asked)
+    if found is None:  # all runs of a search, and the next call, ask for the same
+        found = _timetable(system, c, t0, total, controls)
+        last.clear()
+        last[asked] = found
+    return found
+
+
+@per_system
+def _last_found(system: System) -> dict[object, Timetable]:
+    """The timetable that was asked for last."""
+    return {}
+
+
+def _timetable(
+    system: System, c: np.ndarray, t0: float, total: float, controls: np.ndarray
+) -> Timetable:
     places, function = timed(system)
     rows, found = len(controls), np.empty(0)
 
@@ -66,12 +87,8 @@ def timetable(
         return over_columns(function, t[:, None], c)[0]
 
     if places:
-        looks, agree, found = LOOKS, 1, _changes(values, t0, total, LOOKS)
-        while agree < SAME and looks < MOST_LOOKS:
-            looks *= 2
-            more = _changes(values, t0, total, looks)
-            agree = agree + 1 if len(more) == len(found) else 1
-            found = more
+        changes = _changes(values, t0, total)
+        found = _apart(_located(values, changes), t0, total)
     if rows > 1:
         ends = t0 + total / rows * np.arange(1, rows)
         found = _apart(np.append(ends, found), t0, total)
@@ -85,24 +102,61 @@ def timetable(
     return Timetable(found[new], between[kept], controls[row][kept])
 
 
-def _changes(values, t0: float, total: float, looks: int) -> np.ndarray:
-    """Times at which the values change, as far as so many looks show, by bisection."""
-    t = t0 + total * np.linspace(0.0, 1.0, looks + 1)
-    at = values(t)
-    change = np.flatnonzero((at[1:] != at[:-1]).any(axis=1))
-    left, right, before, after = t[change], t[change + 1], at[change], at[change + 1]
+class _Changes(NamedTuple):
+    """Times between which values change, and these there."""
+
+    left: np.ndarray
+    right: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+
+Values = Callable[[np.ndarray], np.ndarray]
+
+
+def _changes(values: Values, t0: float, total: float) -> _Changes:
+    """Between which looks values change; so many that half and a quarter of them find as many."""
+    looks = LOOKS << (SAME - 1)
+    while True:
+        t = t0 + total * np.linspace(0.0, 1.0, looks + 1)
+        at = values(t)
+        counts = {int(_changed(at[:: 1 << i]).sum()) for i in range(SAME)}
+        if len(counts) == 1 or looks >= MOST_LOOKS:
+            break
+        looks *= 2
+    change = np.flatnonzero(_changed(at))
+    return _Changes(t[change], t[change + 1], at[change], at[change + 1])
+
+
+def _changed(at: np.ndarray) -> np.ndarray:
+    return (at[1:] != at[:-1]).any(axis=1)
+
+
+def _located(values: Values, changes: _Changes) -> np.ndarray:
+    """When values change first between each two times, to the last digit; and again, where behind
+    that they are not yet what they are to become.
+    """
     found = []
+    left, right, before, after = changes
+    cuts = np.arange(1, PARTS) / PARTS
     while len(left):
-        a, b = left.copy(), right.copy()
-        for _ in range(64):
-            middle = (a + b) / 2
-            same = (values(middle) == before).all(axis=1)
-            a, b = np.where(same, middle, a), np.where(same, b, middle)
+        a, b, there = left.copy(), right.copy(), after.copy()
+        while True:
+            within = a[:, None] + (b - a)[:, None] * cuts
+            if not ((within != a[:, None]) & (within != b[:, None])).any():
+                break
+            at = values(within.reshape(-1)).reshape(*within.shape, -1)
+            last = np.argmin((at == before[:, None]).all(axis=2), axis=1)
+            each = np.arange(len(a))
+            changed = (at[each, last] != before).any(axis=1)
+            low = np.where(changed, last - 1, PARTS - 2)
+            a = np.where(low >= 0, within[each, low], a)
+            b = np.where(changed, within[each, last], b)
+            there = np.where(changed[:, None], at[each, last], there)
         found.append(b)
-        there = values(b)
         more = (there != after).any(axis=1)
         left, right, before, after = b[more], right[more], there[more], after[more]
-    return _apart(np.concatenate([np.empty(0), *found]), t0, total)
+    return np.concatenate([np.empty(0), *found])
 
 
 def _apart(times: np.ndarray, t0: float, total: float) -> np.ndarray:
