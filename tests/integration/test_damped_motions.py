@@ -19,6 +19,7 @@ from varint.integration.damped_motions import (
     look_function,
     may_be_damped,
 )
+from varint.integration.times_at_once import states_by_core
 from varint.numerics.arrays import call
 from varint.results import dense_output
 
@@ -323,6 +324,7 @@ def test_a_machine_whose_joints_are_damped_takes_few_steps(tol, tmp_path, capsys
     times = np.linspace(0, duration, 21)
     assert np.abs(motion.at(times).q - fine.at(times).q).max() < tol
     assert np.abs(motion.q - fine.at(motion.t).q).max() < tol
+    assert states_by_core(motion, times) is not None  # interpreted before
     shown = vi.simulate(system, **start, duration=duration, tol=tol, progress=True)
     assert shown.q.tobytes() == motion.q.tobytes()
     capsys.readouterr()

@@ -90,6 +90,15 @@ def has_slopes_without(system: System, fastest: float) -> bool:
 
 
 @per_scene
+def by_lagrangian(system: System) -> System:
+    """A machine by its Lagrangian alone: what it knows of its velocities makes its iterations
+    shorter, but they have no slopes.
+    """
+    s = system
+    return System(s.q, s.v, s.lagrangian, force=s.force, control=s.control, params=s.params, t=s.t)
+
+
+@per_scene
 def _linear(system: System) -> ca.Function:
     """(q, p, t, c) → M, ∂(M a)/∂q and ∂(M a)/∂v by Lagrange's equations."""
     s = system

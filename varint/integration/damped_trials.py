@@ -12,6 +12,7 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.damped_motions import (
     are_stiff,
+    by_lagrangian,
     damped_turns,
     has_slopes_without,
     look_function,
@@ -24,7 +25,6 @@ from varint.integration.short_trials import by_short_trials
 from varint.numerics.arrays import call
 from varint.results.records import changed
 from varint.rules.rule import Rule
-from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 
@@ -52,7 +52,7 @@ def by_damped_trials(
     if turned is None:
         return None
     own = rule or choose_rule(candidates(system, True, True), turned[1], tol)
-    scene = _by_lagrangian(system) if has_slopes_without(system, turned[1]) else system
+    scene = by_lagrangian(system) if has_slopes_without(system, turned[1]) else system
     if scheme_of(scene, own) is not BY_STAGES:
         return None
     trials = scene, own, start, mass, tol, turned, backend, began
@@ -60,12 +60,3 @@ def by_damped_trials(
     if not isinstance(found, Choice):
         return None
     return found if scene is system else replace(found, motion=changed(found.motion, system=system))
-
-
-@per_scene
-def _by_lagrangian(system: System) -> System:
-    """A machine by its Lagrangian alone: what it knows of its velocities makes its iterations
-    shorter, but they have no slopes.
-    """
-    s = system
-    return System(s.q, s.v, s.lagrangian, force=s.force, control=s.control, params=s.params, t=s.t)

@@ -4,6 +4,7 @@ nothing holds, whose nodes lie less than a step apart.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from time import perf_counter
 
@@ -14,6 +15,7 @@ from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.times import states_at_times
 from varint.integration.compiled_loop import kernel_in_gear, kernel_of
+from varint.integration.damped_motions import by_lagrangian
 from varint.integration.gears import kernel_after
 from varint.integration.many_times import within_now
 from varint.results.records import changed
@@ -54,7 +56,23 @@ def states_by_core(
         found = states_at_times(kernel, nodes, motion.c, (motion.h, 0.0), times, steps, sizes)
     if looking:
         kernel_after(looking, perf_counter() - now, 0.0)
+    if found is None and sizes is not None and system.kinetics is not None:
+        found = _by_lagrangian_alone(motion, nodes, times)
     return found
+
+
+def _by_lagrangian_alone(
+    motion: Trajectory, nodes: Sequence[np.ndarray], times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """The same by the loop that makes motions of machines beside stiff dampers."""
+    t, q, p, k = nodes
+    assert motion.rule is not None
+    kernel, whole = kernel_in_gear(by_lagrangian(motion.system), motion.rule), (motion.h, 0.0)
+    if kernel is None:
+        return None
+    with suppress(CompileError):
+        return states_at_times(kernel, (t, q, p, k), motion.c, whole, times, sizes=motion.sizes)
+    return None
 
 
 def _compiled_for(motion: Trajectory) -> Kernel | None:
