@@ -389,3 +389,44 @@ def test_an_end_at_once_is_told():
     small = motion.stats["error_estimate"] <= 1e-9
     assert small or "out of reach" in str(told[-1].message)
     assert 0 < motion.t[-1] < 3 and abs(motion.v[-1, 0]) < 1e-7
+
+
+def row(masses, damper):
+    """Masses in a row, each held together with the next by a spring and a damper."""
+    q, v = vi.coordinates(*(f"x{i}" for i in range(masses)))
+    apart, rates = q[1:] - q[:-1], v[1:] - v[:-1]
+    energy = 5 * ca.sumsqr(apart) + ca.sum1(apart**4) / 4 + ca.sumsqr(q) / 20
+    force = damper * (ca.vertcat(rates, 0) - ca.vertcat(0, rates))
+    return vi.System(q, v, ca.sumsqr(v) / 2 - energy, force=force)
+
+
+@pytest.mark.parametrize("masses", (61, 80))
+def test_stiff_dampers_between_many_masses_take_few_steps(masses):
+    """Beyond sixty coordinates 16,000 equal steps and more before."""
+    start = {"q0": np.sin(0.3 * np.arange(masses)), "v0": np.zeros(masses), "duration": 10.0}
+    motion = vi.simulate(row(masses, 500.0), **start)
+    assert len(motion) < 200 and motion.stats["error_estimate"] <= 1e-9
+    fine = vi.simulate(row(masses, 500.0), tol=1e-12, **start)
+    scale = np.abs(fine.q).max()
+    assert np.abs(motion.q - fine.at(motion.t).q).max() < 2e-9 * scale
+    weak = vi.simulate(row(masses, 0.01), **start)  # looked at, and not stiff
+    assert np.ptp(np.diff(weak.t)) < 1e-12
+
+
+def test_stiff_dampers_of_more_than_sixty_links_are_looked_at():
+    """An elastic beam with dampers in its joints, which ended in a ConvergenceError."""
+    links, duration = 64, 0.1
+    q, v = vi.coordinates(*(f"a{i}" for i in range(links)))
+    bends, turns = q - ca.vertcat(0, q[:-1]), v - ca.vertcat(0, v[:-1])
+    across = ca.cumsum(ca.cos(q) * v) / links
+    along = ca.cumsum(ca.sin(q) * v) / links
+    moving = (ca.sumsqr(across) + ca.sumsqr(along)) / (2 * links) + ca.sumsqr(v) / (24 * links**3)
+    falling = 9.81 * ca.sum1(ca.cumsum(ca.sin(q))) / links**2
+    force = -6.4 * (turns - ca.vertcat(turns[1:], 0))
+    beam = vi.System(q, v, moving - falling - 10 * links * ca.sumsqr(bends), force=force)
+    start = {"q0": np.zeros(links), "v0": np.zeros(links), "duration": duration}
+    motion = vi.simulate(beam, tol=1e-6, **start)
+    assert len(motion) < 3000 and motion.stats["error_estimate"] <= 1e-6
+    finer = vi.simulate(beam, tol=1e-8, **start)
+    scale = np.abs(finer.q).max()
+    assert np.abs(motion.q[-1] - finer.q[-1]).max() < 2e-6 * scale

@@ -52,12 +52,10 @@ def damped_until(
     if changes is None:
         return None
     began, own = perf_counter(), plan(system, rule).rule
-    fastest, mass = fastest_at_start(system, own, start)
-    if mass is None:
-        return None
+    fastest, _ = fastest_at_start(system, own, start)
     radians, wanted, runs = angle_turned(start.h, fastest), tol, 0
     for _ in range(2):
-        found = by_damped_trials(system, rule, start, mass, wanted, radians, backend, began)
+        found = by_damped_trials(system, rule, start, wanted, radians, backend, began)
         if found is None:
             return None
         runs += found.runs

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from varint.integration.small_motions import (
-    MOST_COORDINATES,
+    MOST_AT_ALL,
     angle_turned,
     by_momentum,
     damping_function,
@@ -40,21 +40,24 @@ def may_be_damped(system: System) -> bool:
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts
     free = not (held or s.degenerate or s.linear or system.rays)
-    return free and s.force_on_velocity and s.n <= MOST_COORDINATES
+    return free and s.force_on_velocity and s.n <= MOST_AT_ALL
 
 
 def are_stiff(local: np.ndarray, n: int, duration: float, turned: float) -> bool:
     """Whether forces stop something sooner than the fastest frequency without them turns, by so
     much in the duration. By what `look_function` gives, one behind the other.
     """
-    numbers, size = local.tolist(), n * n
-    mass, damping, limit = numbers[:size], numbers[2 * size :], max(STIFF * turned, FAST)
+    size, limit = n * n, max(STIFF * turned, FAST)
+    mass, damping = local[:size], local[2 * size :]
     inertia = mass[:: n + 1]
-    if sum(map(abs, mass)) == sum(inertia):  # each alone: sums of rows bound the rate
-        rows = (sum(map(abs, damping[i::n])) / m for i, m in enumerate(inertia) if m)
-        if not limit < max(rows, default=0.0) * abs(duration):
+    if np.count_nonzero(mass) == np.count_nonzero(
+        inertia > 0
+    ):  # each alone: sums of rows bound the rate
+        rows = np.abs(damping).reshape(n, n).sum(axis=0)
+        bound = (rows[inertia > 0] / inertia[inertia > 0]).max(initial=0.0)
+        if not limit < bound * abs(duration):
             return False
-    rate = frequency_of_columns(mass, damping, n)
+    rate = frequency_of_columns(mass.tolist(), damping.tolist(), n)
     if rate is None or not rate < math.inf:
         return False
     return limit < rate * rate * abs(duration)

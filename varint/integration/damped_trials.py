@@ -32,7 +32,6 @@ def by_damped_trials(
     system: System,
     rule: Rule | None,
     start: InitialValueProblem,
-    mass: np.ndarray,
     tol: float,
     radians: float,
     backend: str,
@@ -45,8 +44,8 @@ def by_damped_trials(
         return None
     state = start.q0, start.p0, start.t0, start.c
     at = start.q0, start.p0, np.array((start.t0,)), start.c
-    local = np.concatenate(call(look_function(system), *at))
-    if not are_stiff(local, len(start.q0), start.h, radians):
+    n, local = len(start.q0), np.concatenate(call(look_function(system), *at))
+    if not are_stiff(local, n, start.h, radians):
         return None
     turned = damped_turns(system, *state, start.h)
     if turned is None:
@@ -55,6 +54,7 @@ def by_damped_trials(
     scene = by_lagrangian(system) if has_slopes_without(system, turned[1]) else system
     if scheme_of(scene, own) is not BY_STAGES:
         return None
+    mass = local[: n * n : n + 1]
     trials = scene, own, start, mass, tol, turned, backend, began
     found = by_short_trials(*trials, grows=True)
     if not isinstance(found, Choice):

@@ -12,9 +12,9 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.run import trajectory_of
 from varint.integration.second_looks import has_steps
 from varint.integration.small_motions import (
-    MOST_COORDINATES,
     decay_rates,
     frequencies,
+    is_looked_at,
     small_motions_at_start,
 )
 from varint.integration.trajectories import Run, first_node
@@ -34,7 +34,7 @@ def fastest_at_start(
     mass = None
     if s.degenerate or s.constraints or s.nonholonomic or system.rays:
         fastest = frequencies(_at_start(system, rule, start)).max(initial=0.0)
-    elif s.n <= MOST_COORDINATES:
+    elif is_looked_at(system):
         fastest, mass = small_motions_at_start(system, start.q0, start.p0, start.t0, start.c)
     return float(fastest or 0.0), mass
 

@@ -30,7 +30,7 @@ from varint.integration.plan import Plan, plan
 from varint.integration.rule_choice import Priced, candidates, changes, cheapest, priced
 from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import Begins, balance_known, energy_known, steps_to_begin
-from varint.integration.small_motions import MOST_COORDINATES, frequency_of_columns
+from varint.integration.small_motions import frequency_of_columns, is_looked_at
 from varint.integration.time_transformation.rate_ahead import rates_to_follow
 from varint.integration.time_transformation.variable_course import may_vary
 from varint.integration.two_runs import shows_its_error
@@ -83,7 +83,7 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     """None where another way is to be taken, whatever the start."""
     n, own, held = system.structure.n, plan(system, rule).rule, _is_plainly_held(system)
     begins = held or _begins_by_symbols(system)
-    if not (begins and n <= MOST_COORDINATES) or has_switches(system):
+    if not (begins and is_looked_at(system)) or has_switches(system):
         return None
     if (energy_known(system) if shows_its_error(system) else balance_known(system)) is None:
         return None

@@ -8,17 +8,32 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from varint.discrete.legendre import first_order_velocity, mass_solve, velocity_function
+from varint.discrete.legendre import (
+    first_order_velocity,
+    full_inertia,
+    mass_solve,
+    velocity_function,
+)
 from varint.numerics.arrays import DEFINITE, call, is_definite, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
+MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell of quick steps,
+MOST_AT_ALL = 128  # and of long ones, or of dampers that are stiff
 MOST_TURNED = 1e6  # radians: more than any first run is for
 REMEMBERED = 256  # of what motions turn by
 FASTER = 1.25  # times the frequency at the start: steps that suit that one are lost
 FEW = 6  # coordinates whose uncoupled parts are looked for: one or two have a formula
+
+
+@per_scene
+def is_looked_at(system: System) -> bool:
+    """Whether eigenvalues tell more of a scene than they cost: beside steps whose inertia is
+    factorised in loops they cost little.
+    """
+    n = system.structure.n
+    return n <= MOST_COORDINATES or (n <= MOST_AT_ALL and full_inertia(system))
 
 
 def angle_turned(duration: float, fastest: float | None) -> float:
@@ -48,7 +63,7 @@ def frequencies(motion: Trajectory) -> np.ndarray:
     """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0, where
     `turning` counts in ∂²L/∂q².
     """
-    if motion.system.structure.n > MOST_COORDINATES:
+    if not is_looked_at(motion.system):
         return np.empty(0)
     if motion.system.structure.degenerate:
         return _rates_of_first_order(motion)
@@ -189,7 +204,7 @@ def decay_rates_at(
 ) -> np.ndarray:
     """The same at states (N, n), (N, n), (N, 1); not where they are no numbers."""
     s, n = system.structure, system.structure.n
-    if not s.forced or s.degenerate or n > MOST_COORDINATES:
+    if not s.forced or s.degenerate or not is_looked_at(system):
         return np.empty(0)
     mass, damping = (
         x.reshape(-1, n, n).transpose(0, 2, 1)

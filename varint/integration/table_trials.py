@@ -36,7 +36,7 @@ from varint.integration.second_looks import has_switches
 from varint.integration.short_doubts import looked_at
 from varint.integration.short_refinement import refined_first
 from varint.integration.short_trials import course_by
-from varint.integration.small_motions import MOST_COORDINATES
+from varint.integration.small_motions import is_looked_at
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
@@ -87,7 +87,7 @@ class Known:
 def known_of(system: System, rule: Rule | None) -> Known | None:
     """None where another way is to be taken, whatever the table."""
     s, own = system.structure, plan(system, rule).rule
-    if not (s.controls and moves_freely(system) and s.n <= MOST_COORDINATES):
+    if not (s.controls and moves_freely(system) and is_looked_at(system)):
         return None
     if has_switches(system):
         return None

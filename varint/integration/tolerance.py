@@ -172,8 +172,8 @@ def choose_steps(
             return shown
 
     alone = tried is None and scale is None and stop is None and start.steps == 1
-    if alone and mass is not None:
-        dampers = system, rule, start, mass, tol, radians, backend, began
+    if alone:
+        dampers = system, rule, start, tol, radians, backend, began
         if (damped := by_damped_trials(*dampers)) is not None:
             return damped
     own = rule_for(system, rule, start, turned, tol, backend)

@@ -4,7 +4,7 @@
    modes of A: pair by pair of its eigenvalues l, (I - l h J)^-1 or with FORM 2 (I - l h da/dv - l^2 h^2 da/dq)^-1. The iteration
    has the same fixed point, and contracts as J changes instead of as h J does: what is stiffly damped, or turned by fields,
    takes a few evaluations a step. Each of them takes longer, so it is for steps that take many. */
-#define MOST_SLOPES 128 /* unknowns of a stage */
+#define MOST_SLOPES 256 /* unknowns of a stage */
 #define SLOPES_ROOM (MOST_ROWS < MOST_SLOPES ? MOST_ROWS : MOST_SLOPES)
 #define IMPROVES (!BY_DEFECT && STAGES <= 8 && STAGES % 2 == 0 && ROWS <= MOST_SLOPES)
 #define PAIRS (STAGES / 2)
