@@ -414,8 +414,8 @@ def test_stiff_dampers_between_many_masses_take_few_steps(masses):
 
 
 def test_stiff_dampers_of_more_than_sixty_links_are_looked_at():
-    """An elastic beam with dampers in its joints, which ended in a ConvergenceError."""
-    links, duration = 64, 0.1
+    """An elastic beam with dampers in its joints: 65,536 equal steps before, in minutes."""
+    links, duration = 64, 0.5
     q, v = vi.coordinates(*(f"a{i}" for i in range(links)))
     bends, turns = q - ca.vertcat(0, q[:-1]), v - ca.vertcat(0, v[:-1])
     across = ca.cumsum(ca.cos(q) * v) / links
@@ -425,8 +425,7 @@ def test_stiff_dampers_of_more_than_sixty_links_are_looked_at():
     force = -6.4 * (turns - ca.vertcat(turns[1:], 0))
     beam = vi.System(q, v, moving - falling - 10 * links * ca.sumsqr(bends), force=force)
     start = {"q0": np.zeros(links), "v0": np.zeros(links), "duration": duration}
-    motion = vi.simulate(beam, tol=1e-6, **start)
-    assert len(motion) < 3000 and motion.stats["error_estimate"] <= 1e-6
-    finer = vi.simulate(beam, tol=1e-8, **start)
-    scale = np.abs(finer.q).max()
-    assert np.abs(motion.q[-1] - finer.q[-1]).max() < 2e-6 * scale
+    motion = vi.simulate(beam, **start)
+    assert len(motion) < 3000 and motion.stats["error_estimate"] <= 1e-9
+    coarse = vi.simulate(beam, tol=1e-6, **start)
+    assert np.abs(motion.q[-1] - coarse.q[-1]).max() < 2e-6 * np.abs(motion.q).max()
