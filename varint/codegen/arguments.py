@@ -88,6 +88,7 @@ class RunArguments(Structure):
         ("heights", c_void_p),
         ("seen", c_void_p),
         ("end", c_double),
+        ("alone", c_int64),
     ]
 
 

@@ -20,7 +20,7 @@ from varint.codegen.arguments import (
     RunStats,
     packing,
 )
-from varint.numerics.limits import FIXED_POINT_ITERATIONS
+from varint.numerics.limits import ALONE_ITERATIONS, FIXED_POINT_ITERATIONS
 
 _ARGUMENTS, _PARTS = packing(RunArguments), packing(PartsArguments)
 _STATS = len(RunStats._fields_)
@@ -237,6 +237,7 @@ def run_loop(
             0,
             *at,
             0.0,
+            0,
         )
     )
     seconds = perf_counter() - began
@@ -276,7 +277,7 @@ def take_parts(
         used = np.abs(u.reshape(count, -1, kernel.controls)).max(1) if kernel.controls else None
         opening = kernel.opening(q, p, used, t, h, c)
     rows, good = np.empty((count, 3, n)), np.empty(count, dtype=np.int64)
-    most = FIXED_POINT_ITERATIONS
+    most = ALONE_ITERATIONS
     arrays = (start, t, h, c, u, opening, rows, good)
     places = [address_of(x) if x.size else 0 for x in arrays]
     kernel.parts(_PARTS.pack(count, opening.shape[1], u.shape[1], most, *places, kernel.scene))
@@ -312,7 +313,7 @@ def take_part(
     address = address_of(block)
     starts = (0, at, size, size + 1, opening, opening, rows, good)
     places = [address + 8 * i for i in starts]
-    kernel.parts(_PARTS.pack(1, told.size, 0, FIXED_POINT_ITERATIONS, *places, kernel.scene))
+    kernel.parts(_PARTS.pack(1, told.size, 0, ALONE_ITERATIONS, *places, kernel.scene))
     return block[rows:good].reshape(3, n) if block[good:].view(np.int64)[0] > 0 else None
 
 

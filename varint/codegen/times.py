@@ -13,7 +13,7 @@ from varint.codegen.arguments import DONE
 from varint.codegen.core import times_entries
 from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.within_steps import NOTHING_WITHIN, Within
-from varint.numerics.limits import FIXED_POINT_ITERATIONS
+from varint.numerics.limits import ALONE_ITERATIONS
 
 _TIMES = struct.Struct("2P5q9P2d6P2q")  # Times
 _CLOCK = struct.Struct("2P5q9P2d6P2q2P")  # ClockTimes
@@ -61,7 +61,7 @@ def between(kernel: Kernel, steps: Within = NOTHING_WITHIN) -> Between | None:
         return None
     entries: tuple[Any, ...] = times_entries()[0], kernel.parts
     at, parts = (cast(entry, c_void_p).value or 0 for entry in entries)
-    return Between(at, parts, kernel.scene, FIXED_POINT_ITERATIONS, _WHOLE, *steps)
+    return Between(at, parts, kernel.scene, ALONE_ITERATIONS, _WHOLE, *steps)
 
 
 def states_at_times(
@@ -108,7 +108,7 @@ def states_at_times(
     uneven = 0 if sizes is None else address_of(sizes)
 
     def done(entry: Callable[[bytes], int], told: int, room: int, opening: int) -> bool:
-        counts = n, FIXED_POINT_ITERATIONS, told, len(nodes[1]), count
+        counts = n, ALONE_ITERATIONS, told, len(nodes[1]), count
         behind = *grid, uneven, room, opening, *steps
         return entry(_TIMES.pack(place, kernel.scene, *counts, *given, *found, *behind)) == DONE
 
@@ -164,7 +164,7 @@ def states_at_clock(
     n, count, many = kernel.n, len(times), len(times) * kernel.n
     block = np.empty(2 * many + 2 * count)
     place = cast(kernel.parts, c_void_p).value or 0  # type: ignore[arg-type]
-    counts = n, FIXED_POINT_ITERATIONS, 0, len(nodes[1]), count
+    counts = n, ALONE_ITERATIONS, 0, len(nodes[1]), count
     given = [address_of(x) if x.size else 0 for x in (*nodes, c, times)]
     at = new_address(block)
     found = [at + 8 * i for i in (0, many, 2 * many)]

@@ -27,6 +27,8 @@ PROJECTION_ITERATIONS = 100  # Gauss–Newton onto g = 0, linear where the const
 STEP_ITERATIONS = 30  # Newton for the equations of a step
 # a scene that needs more contracts so poorly that Newton's method is cheaper
 FIXED_POINT_ITERATIONS = 60
+# of a step of its own, in whose place none that is shorter is taken: beyond, it is interpreted
+ALONE_ITERATIONS = 300
 SHOOTING_ITERATIONS = 30  # Newton for the momentum that leads from q0 to q1
 RECOVERY_ITERATIONS = 30  # Newton for the inner points of a step between two known nodes
 PATH_ITERATIONS = 60  # damped Newton for a whole path

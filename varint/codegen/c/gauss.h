@@ -385,7 +385,7 @@ typedef struct Run {
     int64_t known, expected, iterations, most_iterations;
     int64_t low;                  /* so many steps start from a low degree */
     double tried, counts[3], slowest, residual; /* counts: in either order; one half after the other, lately */
-    int seidel;
+    int seidel, alone;
     Slopes slopes;
 } Run;
 

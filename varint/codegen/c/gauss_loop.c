@@ -227,7 +227,7 @@ APART void restore(Run *r, const RunArguments *a) {
     r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0, r->change.faint = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;
-    r->now.count = r->next.count = 0;
+    r->now.count = r->next.count = 0, r->alone = a->alone != 0;
     r->now.taken = r->next.taken = r->taken;
     memset(&r->slopes, 0, SLOPES_TOLD * sizeof(double)), r->slopes.room = 0;
     if (carry->steps_known > 0 && carry->h == h) {
@@ -287,7 +287,7 @@ INLINE int solve(Run *r, int64_t k) {
         if (r->tried == TRIAL) r->expected = 0, c->rate = 1;
     }
     if (!BY_DEFECT && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
-    double lost = FAILED;
+    double lost = r->alone ? INFINITY : FAILED;
     c->most = r->most;
     for (int tried[2] = {0}, goes_on = 0;;) {
         const int improved = IMPROVES && slopes->left > 0;
@@ -314,7 +314,7 @@ INLINE int solve(Run *r, int64_t k) {
             }
             if (!IMPROVES || tried[!improved]) return BY_DEFECT && !LEGENDRE_ITERATIONS && c->now <= WANDERS;
             if (improved) rest_from_slopes(r);
-            else if (!begin_slopes(r, c->off > 0 ? SHORTER * pow(GONE, 1.0 / c->checks) : lost)) return 0;
+            else if (!begin_slopes(r, c->off > 0 && !r->alone ? SHORTER * pow(GONE, 1.0 / c->checks) : lost)) return 0;
         }
         slopes->renew = 1;
         r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;

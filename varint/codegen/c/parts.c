@@ -14,7 +14,7 @@ int parts(const PartsArguments *a) {
         if (a->told) memcpy(carry + 1, a->opening + i * a->told, (size_t)a->told * sizeof(double));
         const double *const u = a->u ? a->u + i * a->used : a->u;
         const RunArguments one = {1, 1, 0, a->most, a->t[i], a->h[i], 0, start, a->c, u, ends, carry,
-                                  (RunStats *)stats, a->scene};
+                                  (RunStats *)stats, a->scene, .alone = 1};
         a->good[i] = run(&one) == DONE;
         memcpy(a->rows + i * 3 * N, ends + 3 * N, 3 * N * sizeof(double));
     }

@@ -27,6 +27,7 @@ typedef struct {
     const double *heights;      /* Gauss rules: what makes the highest Legendre coefficient but one of a step's unknowns, and the highest */
     double *seen;               /* for each step how large both are in each row of unknowns, and the sizes of rows; 0: not wanted */
     double end;                 /* from zero on, of the last coordinate: the node there or behind it is the last; 0: nowhere */
+    int64_t alone;              /* Gauss rules: a step that is to be solved, however long it takes: it is not made shorter where it fails */
 } RunArguments;
 
 /* One step of a size of its own from each of many states. */
