@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from varint.scene.alike import first_alike
 
 Built = TypeVar("Built")
+_MISSING: Any = object()
 _BUILDING = threading.RLock()
 
 
@@ -28,6 +29,19 @@ def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
     made alike, whatever the values of their parameters.
     """
     return _remembering(build, "_built_for_alike", first_alike)
+
+
+def lately(known: dict[Any, Built], key: Any, build: Callable[[], Built], most: int) -> Built:
+    """What `build` returns, and returned for so many keys before; when they are more, all are
+    forgotten.
+    """
+    found = known.get(key, _MISSING)
+    if found is _MISSING:
+        found = build()
+        if len(known) >= most:
+            known.clear()
+        known[key] = found
+    return found
 
 
 def _remembering(

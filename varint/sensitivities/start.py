@@ -14,7 +14,7 @@ from varint.numerics.arrays import call
 from varint.results.dense_output import controls_at_nodes
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
-from varint.scene.memory import per_system
+from varint.scene.memory import lately, per_system
 from varint.scene.system import System
 from varint.sensitivities.pieces import scene_of
 
@@ -84,13 +84,13 @@ def as_text(system: System, expression: ca.SX) -> str:
     which is not written again.
     """
     known, written = _texts(system), expression.serialize()  # symbols by their names
-    if written not in known:
-        if len(known) >= REMEMBERED:
-            known.clear()
+
+    def made() -> str:
         s, own = system, in_own_symbols(expression, system)
-        made = ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [own], {"cse": True})
-        known[written] = made.serialize()
-    return known[written]
+        density = ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [own], {"cse": True})
+        return density.serialize()
+
+    return lately(known, written, made, REMEMBERED)
 
 
 @per_system

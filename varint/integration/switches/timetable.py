@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.integration.switches.frozen import frozen_scene
 from varint.numerics.arrays import over_columns
-from varint.scene.memory import per_system
+from varint.scene.memory import lately, per_system
 from varint.scene.system import System
 
 LOOKS, MOST_LOOKS = 2**10, 2**18  # times at which they are looked at
@@ -62,22 +62,17 @@ def timetable(
     of which acts as long as the others, change.
     """
     asked = c.tobytes(), t0, total, controls.shape, controls.tobytes()
-    last = _last_found(system)
-    found = last.get(asked)
-    if found is None:  # all runs of a search, and the next call, ask for the same
-        found = _timetable(system, c, t0, total, controls)
-        last.clear()
-        last[asked] = found
-    return found
+    # all runs of a search, and the next call, ask for the same
+    return lately(_known(system), asked, lambda: _found(system, c, t0, total, controls), 1)
 
 
 @per_system
-def _last_found(system: System) -> dict[object, Timetable]:
+def _known(system: System) -> dict[object, Timetable]:
     """The timetable that was asked for last."""
     return {}
 
 
-def _timetable(
+def _found(
     system: System, c: np.ndarray, t0: float, total: float, controls: np.ndarray
 ) -> Timetable:
     places, function = timed(system)

@@ -31,7 +31,7 @@ from varint.integration.time_transformation.rate_pilot import (
 )
 from varint.integration.work_bound import keeps_energy
 from varint.numerics.operations import operations_of
-from varint.scene.memory import per_scene, per_system
+from varint.scene.memory import lately, per_scene, per_system
 from varint.scene.system import System
 
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
@@ -86,14 +86,7 @@ def _vanishes(system: System, mean: float, largest: float) -> bool:
 def seen_ahead(system: System, start: np.ndarray, t0: float, c: np.ndarray, total: float) -> Ahead:
     """What is seen of a motion from coordinates and velocities. The last ones are remembered."""
     known, key = _seen(system), (start.tobytes(), t0, c.tobytes(), total)
-    try:
-        return known[key]
-    except KeyError:
-        found = _looked_at(system, start, t0, c, total)
-    if len(known) >= REMEMBERED:
-        known.clear()
-    known[key] = found
-    return found
+    return lately(known, key, lambda: _looked_at(system, start, t0, c, total), REMEMBERED)
 
 
 @per_system

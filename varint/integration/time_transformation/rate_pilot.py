@@ -14,7 +14,7 @@ from varint.integration.time_transformation.flight_rate import TWICE_KINETIC, fl
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.memory import per_system
+from varint.scene.memory import lately, per_system
 from varint.scene.system import System
 
 STEPS = 80
@@ -57,11 +57,8 @@ def rate_pilot(
     """
     known, (q, v) = _seen(system), ahead_from(system, q, v, t0)
     key = (q.tobytes(), v.tobytes(), c.tobytes(), total, backwards, flight)
-    if key not in known:
-        if len(known) >= REMEMBERED:
-            known.clear()
-        known[key] = _looked_at(system, q, v, c, total, backwards, flight)
-    return known[key]
+    looked_at = q, v, c, total, backwards, flight
+    return lately(known, key, lambda: _looked_at(system, *looked_at), REMEMBERED)
 
 
 @per_system

@@ -17,7 +17,7 @@ from varint.integration.time_transformation.flight_rate import (
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, LocalRate, local_rate
 from varint.integration.time_transformation.transformed_scene import TransformedScene, in_time_scale
 from varint.scene.expressions import in_own_symbols
-from varint.scene.memory import per_system
+from varint.scene.memory import lately, per_system
 from varint.scene.system import System
 
 AUTO = "auto"  # the time scale that the scene itself has
@@ -133,11 +133,7 @@ def _natural(system: System, word: str) -> TransformedScene:
 def _by_meaning(system: System, sigma: ca.SX) -> TransformedScene:
     known = system.__dict__.setdefault("_rescaled_by_meaning", {})
     key = ca.Function("sigma", [system.q, system.t, system.c], [sigma]).serialize()
-    if key not in known:
-        if len(known) >= MOST_SCALES:
-            known.clear()
-        known[key] = in_time_scale(system, sigma)
-    return known[key]
+    return lately(known, key, lambda: in_time_scale(system, sigma), MOST_SCALES)
 
 
 def _require_energy(system: System) -> None:
