@@ -99,8 +99,12 @@ def interpreted_run_seconds(system: System, rule: Rule, steps: int) -> float:
     if rule.kicks and s.explicit:
         return rolled + once * steps
     share = HELD_SHARE if s.constraints or s.nonholonomic else SHARE
-    built = BUILDING * point_function(system).n_instructions() * len(rule.nodes)
-    return built + rolled + share * once * steps
+    return _built_in(system, rule) + rolled + share * once * steps
+
+
+def _built_in(system: System, rule: Rule) -> float:
+    """An estimate of the seconds in which CasADi builds an implicit step."""
+    return BUILDING * point_function(system).n_instructions() * len(rule.nodes)
 
 
 @per_scene
@@ -176,7 +180,7 @@ def _by_right_sides(system: System, rule: Rule) -> bool:
 
 def rescues(system: System, rule: Rule, steps: int) -> bool:
     """Whether a trial of so many steps that fails is made interpreted, for that is soon over."""
-    return interpreted_seconds(system, rule) * steps <= RESCUE
+    return _built_in(system, rule) + interpreted_seconds(system, rule) * steps <= RESCUE
 
 
 def is_solved_at_once(system: System, rule: Rule, most: int = SOLVED) -> bool:

@@ -32,7 +32,7 @@ from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import Begins, balance_known, energy_known, steps_to_begin
 from varint.integration.small_motions import frequency_of_columns, is_looked_at
 from varint.integration.time_transformation.rate_ahead import rates_to_follow
-from varint.integration.time_transformation.variable_course import may_vary
+from varint.integration.time_transformation.variable_course import looks_ahead, may_go_astray
 from varint.integration.two_runs import shows_its_error
 from varint.integration.work_bound import moves_constraints
 from varint.rules.rule import Rule, gauss
@@ -93,9 +93,10 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
     rules = {MAPPED: 1.0} if driven else rules
     prices = priced(rules)
-    varies = may_vary(system, rule)
+    varies = looks_ahead(system, rule)
     by_momentum = system.structure.quadratic_kinetic and not held
-    rates = rates_to_follow(system) if varies and shows_its_error(system) else [NO_RATES]
+    astray = shows_its_error(system) and may_go_astray(system, rule)
+    rates = rates_to_follow(system) if astray else [NO_RATES]
     loops: list[Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
     by_stages = rule is None or scheme_of(system, rule) is BY_STAGES

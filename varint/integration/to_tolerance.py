@@ -34,7 +34,7 @@ from varint.integration.time_transformation.transformed_run import simulate_tran
 from varint.integration.time_transformation.variable_course import (
     choose_varying_steps,
     frequency_ahead,
-    may_vary,
+    may_go_astray,
 )
 from varint.integration.time_transformation.varying_call import NOT_VARYING
 from varint.integration.tolerance import DEFAULT_TOL, choose_steps, problem_with_steps
@@ -89,7 +89,8 @@ def simulate_to_tolerance(
             if choice is not None:
                 return choice
             how: dict[str, Any] = {"stop": stop, "scale": options.scale, "backend": options.backend}
-            follow = tried != NOT_VARYING and shows_its_error(system) and may_vary(system, rule)
+            follow = shows_its_error(system) and may_go_astray(system, rule)
+            follow = follow and tried != NOT_VARYING
             known = None if tried == NOT_VARYING else tried
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)

@@ -17,6 +17,7 @@ from varint.codegen.two_runs import NO_RATES, UNASKED, Rates, rates_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.time_transformation.flight_rate import flight_rate
 from varint.integration.time_transformation.local_rate import local_rate
+from varint.integration.time_transformation.potential_terms import potential_terms
 from varint.integration.time_transformation.rate_pilot import (
     ANGLE,
     ASTRAY,
@@ -52,6 +53,9 @@ FLYING = 0.5
 FASTER = 2.0
 STEEP = frozenset(("inv", "exp", "log", "pow", "constpow", "tan"))  # operations beside division
 BEYOND = 2.0  # times the duration: a look that leapt so far did not see the motion
+# coordinates beyond which a rate takes longer to find than many motions take: it is looked for
+# where equal steps go astray, and where it is a sum of simple terms
+MANY = 24
 
 
 class Ahead(NamedTuple):
@@ -128,10 +132,10 @@ def rates_to_follow(system: System) -> list[Rates]:
 
 
 def ask_for_rates(system: System) -> Rates:
-    """Those of `kinds_of`, or none of them where they are not data."""
+    """Those of `kinds_of`, or none of them where they are not data or do not vary."""
     looks = [look_by(system, flight) for flight in kinds_of(system)]
     rows, known = _rate_rows(system), [look for look in looks if look is not None]
-    if rows is None or len(known) < len(looks):
+    if rows is None or not looks or len(known) < len(looks):
         return NO_RATES
     return rates_of(rows, known, STEPS, ANGLE, ASTRAY, WORTH)
 
@@ -147,9 +151,16 @@ def _rate_rows(system: System) -> RowFunction | None:
     return row_function_or_none("rates", [s.q, p], s.c, [ca.densify(x) for x in (*rates, v)])
 
 
+def has_many(system: System) -> bool:
+    """Whether the scene has so many coordinates that no motion is looked at ahead."""
+    return system.structure.n > MANY
+
+
 @per_scene
 def kinds_of(system: System) -> tuple[bool, ...]:
     """Which rates the scene has that vary: its own (False), that in flight (True)."""
+    if has_many(system) and potential_terms(system) is None:
+        return ()
     both = local_rate(system), flight_rate(system)
     found = tuple(bool(i) for i, rate in enumerate(both) if not rate.reason)
     return found if keeps_energy(system) or any(_has_poles(system, x) for x in found) else ()

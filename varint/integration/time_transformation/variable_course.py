@@ -35,6 +35,7 @@ from varint.integration.time_transformation.plain_course import (
 )
 from varint.integration.time_transformation.rate_ahead import (
     WORTH,
+    has_many,
     kinds_of,
     seen_ahead,
     seen_along,
@@ -67,7 +68,7 @@ CLOSER = 0.01
 # one that was expected too late costs another run
 FORESEEN = 1e5
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
-MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
+MOST_COORDINATES = 128  # beyond, finding the rate takes many seconds
 
 
 def choose_varying_steps(
@@ -85,7 +86,8 @@ def choose_varying_steps(
     The look ahead sees no more than the beginning: a run with equal steps that went `astray` later
     on shows whether the rate varies till there, or has shown which one of `kinds_of`.
     """
-    if not may_vary(system, rule) or problem.steps > 1:
+    ready = looks_ahead if astray is None else may_vary
+    if problem.steps > 1 or not ready(system, rule):
         return None
     total, v, t0, c = problem.h, start_velocity(system, problem, start.v0), problem.t0, problem.c
     if astray is None:
@@ -122,7 +124,7 @@ def frequency_ahead(
     system: System, rule: Rule | None, problem: InitialValueProblem, start: Start
 ) -> float:
     """Of a motion whose first equal steps suit this one, 0 where nothing ahead tells of it."""
-    if problem.steps > 1 or not may_vary(system, rule):
+    if problem.steps > 1 or not looks_ahead(system, rule):
         return 0.0
     at = np.concatenate((problem.q0, start_velocity(system, problem, start.v0)))
     return seen_ahead(system, at, problem.t0, problem.c, problem.h).frequency
@@ -136,16 +138,33 @@ def prices_for(system: System, rule: Rule | None) -> tuple[Priced, ...]:
     return priced({r: work for r, work in candidates(system, True).items() if r.points})
 
 
+def looks_ahead(system: System, rule: Rule | None) -> bool:
+    """Whether the beginning of motions is looked at for a rate that varies."""
+    return not has_many(system) and may_vary(system, rule)
+
+
+def may_go_astray(system: System, rule: Rule | None) -> bool:
+    """Whether a rate may be asked for where equal steps go astray: in scenes of many coordinates
+    it is not known before.
+    """
+    return can_follow(system, rule) and (has_many(system) or bool(kinds_of(system)))
+
+
 def may_vary(system: System, rule: Rule | None) -> bool:
     """Whether the scene has a rate that varies, which the rule can follow."""
+    return can_follow(system, rule) and bool(kinds_of(system))
+
+
+def can_follow(system: System, rule: Rule | None) -> bool:
+    """Whether the rule could follow a rate of the scene, if there is one."""
     s = system.structure
     return (
         (rule is None or bool(rule.points))
         and s.n <= MOST_COORDINATES
+        and (s.constant_mass or not has_many(system))
         and not (s.controls or s.constraints or s.linear or s.contacts or s.degenerate)
         and (keeps_energy(system) or not (s.nonholonomic or has_steps(system)))
         and signals_of(system).rate is not None  # pulses are found by equal steps
-        and bool(kinds_of(system))
     )
 
 
