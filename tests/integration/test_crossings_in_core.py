@@ -117,3 +117,17 @@ def test_watched_controls_and_driven_contacts_go_to_the_other_search(monkeypatch
         )
         assert asked and any(event.kind == "half" for event in motion.events)
         asked.clear()
+
+
+@pytest.mark.parametrize("radius", (0.3, 1.0, 1.5))
+def test_a_node_where_the_slope_is_none_hides_no_zero(radius):
+    """A distance has no slope where it is zero, and one there: x/√x in place of √x is none."""
+    q, v = vi.coordinates("x", "y")
+    free = vi.System(q, v, ca.sumsqr(v) / 2)
+    rim = ca.norm_2(q - ca.DM([10.0, 0.0])) - radius
+    start = {"q0": [0.0, 0.0], "v0": [1.0, 0.0], "duration": 20.0}
+    motion = vi.simulate(free, **start, events={"rim": rim})
+    assert (motion.q == [10.0, 0.0]).all(axis=1).any()  # a node
+    times = [event.time for event in motion.events]
+    np.testing.assert_allclose(times, [10 - radius, 10 + radius], rtol=1e-13)
+    assert abs(vi.simulate(free, **start, until=rim).t[-1] - 10 + radius) < 1e-12

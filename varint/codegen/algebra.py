@@ -22,16 +22,17 @@ from varint.errors import VarintError
 from varint.numerics.operations import CODES, CONST, INPUT, OUTPUT, UNARY, instructions_of
 
 # as in c/raw_graph.h and c/algebra_core.c
-_ASKED, _TAKEN = struct.Struct("9P4q"), struct.Struct("3P")
+_ASKED, _TAKEN = struct.Struct("9P5q"), struct.Struct("3P")
 _OUTPUT = -11
 _OTHER_NAMES = {"assign": -10, "lift": -10, "sq": -9, "twice": -8, "inv": -7}
 _WITHOUT_C = "erfinv"  # the only elementary operation that has no form in C
 
 
-def graph_of(f: ca.Function, constants: int = -1) -> Graph:
+def graph_of(f: ca.Function, constants: int = -1, roots: bool = False) -> Graph:
     """The operations of the SX function f, rearranged for speed; outputs are dense.
 
-    The argument with the index `constants` is the same all the time.
+    The argument with the index `constants` is the same all the time. With `roots` these stay what
+    they are where they are divided by, too: x/√x is faster, and none where x is zero.
 
     Raises
     ------
@@ -56,9 +57,10 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     arrays = *_kinds(), *integers[1:], np.array([*numbers, 0.0]), wanted, told
     at = [x.ctypes.data for x in (integers[0], *arrays)]
     at[4] = at[4] if places else 0
-    counts = len(codes), f.sz_w() if places else len(codes), len(wanted), constants % f.n_in()
+    counts = len(codes), f.sz_w() if places else len(codes), len(wanted)
     rearrange, take = algebra_entries()
-    raise_unless_arranged(rearrange(_ASKED.pack(*at, *counts)), len(codes))
+    asked = _ASKED.pack(*at, *counts, constants % f.n_in(), roots)
+    raise_unless_arranged(rearrange(asked), len(codes))
     found, count = told.tolist()
     nodes, values = np.empty((count, 4), np.int32), np.empty(count)
     take(_TAKEN.pack(found, nodes.ctypes.data, values.ctypes.data))

@@ -17,11 +17,12 @@ WRITTEN_OUT = 20_000  # operations; longer functions become loops over operation
 ROLLED = 0.5  # forms for an operation at most: more are not worth loops
 
 
-def arranged(f: ca.Function, written_out: int = WRITTEN_OUT) -> Graph:
+def arranged(f: ca.Function, written_out: int = WRITTEN_OUT, roots: bool = False) -> Graph:
     """The operations of f(x0, …, c) arranged for speed; the last argument is the same in all
-    lanes.
+    lanes. `roots`: see `graph_of`.
     """
-    graph, last = graph_of(f), f.n_in() - 1
+    last = f.n_in() - 1
+    graph = graph_of(f, roots=roots)
     # loops add up long sums in an order of their own
     return graph if forms_of(graph, last, written_out) else fused(graph, last)
 

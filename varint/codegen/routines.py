@@ -117,10 +117,14 @@ Expressions = Mapping[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
 def routines(
-    constants: ca.SX, expressions: Expressions, written_out: int = WRITTEN_OUT
+    constants: ca.SX,
+    expressions: Expressions,
+    written_out: int = WRITTEN_OUT,
+    roots: bool = False,
 ) -> dict[str, Routine]:
     """Functions by name from (inputs, outputs); `constants`, the same all the time, are appended
-    to the inputs. Arranging them raises NotCompilable where they are too long.
+    to the inputs. Arranging them raises NotCompilable where they are too long. `roots`: see
+    `graph_of`.
     """
     whole = {
         name: _function(name, [*x, constants], outputs)
@@ -128,9 +132,9 @@ def routines(
     }
 
     def arrange() -> dict[str, Graph]:
-        return {name: arranged(_short(f), written_out) for name, f in whole.items()}
+        return {name: arranged(_short(f), written_out, roots) for name, f in whole.items()}
 
-    return _together(f"routines {written_out}", whole, arrange)
+    return _together(f"routines {written_out} {roots}", whole, arrange)
 
 
 def halved(

@@ -100,14 +100,18 @@ def _place(x: np.ndarray) -> int:
 
 
 def row_function_or_none(
-    name: str, arguments: list[ca.SX], constants: ca.SX, results: list[ca.SX]
+    name: str,
+    arguments: list[ca.SX],
+    constants: ca.SX,
+    results: list[ca.SX],
+    roots: bool = False,
 ) -> RowFunction | None:
     """The function of columns and of `constants`, whose results are columns; None where an
     operation has no form as data, they are too many, or the loop was not built with the package and
-    cannot be compiled.
+    cannot be compiled. `roots`: see `graph_of`.
     """
     try:
-        routine = routines(constants, {name: (arguments, results)})[name]
+        routine = routines(constants, {name: (arguments, results)}, roots=roots)[name]
         entry, tape = rows_entry(), tapes_of({name: routine})[name]
     except (NotCompilable, CompileError):
         return None

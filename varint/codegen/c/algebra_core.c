@@ -486,7 +486,7 @@ static Graph rewrite(Memory *m, const Rearranged *x, const Graph *raw) {
         if (n.b >= 0) uses[n.b]++;
     }
     for (int64_t i = 0; i < x->outputs; i++) uses[x->wanted[i]]++;
-    Rewriting r = {m, raw, bases_of(m, raw, live, uniform), uniform, empty_graph(m), no_lists(m), {m}, {m}};
+    Rewriting r = {m, raw, bases_of(m, raw, live, uniform, x->roots), uniform, empty_graph(m), no_lists(m), {m}, {m}};
     r.sum = room_for(m, raw->count * sizeof *r.sum);
     int32_t *const left = room_for(m, raw->count * sizeof *left);
     memcpy(left, uses, raw->count * sizeof *left);

@@ -14,7 +14,8 @@ typedef struct {
     const double *number;
     int32_t *wanted; /* the nodes of the outputs */
     int64_t *told;   /* the graph, to be taken with `take_graph`, which frees it; its nodes */
-    int64_t operations, places, outputs, same; /* same: the argument that is the same all the time */
+    /* same: the argument that is the same all the time; whether roots stay roots, for x / sqrt(x) is none of zero */
+    int64_t operations, places, outputs, same, roots;
 } Rearranged;
 
 /* How powers of a base are written: by a division each, by 1/sqrt(base), by 1/base. */
@@ -88,7 +89,7 @@ static Monomial monomial_of(const Monomial *known, const char *uniform, const Gr
 }
 
 /* Which nodes are bases whose powers are gathered: those below a root or a division, and how their powers are written. */
-static char *bases_of(Memory *m, const Graph *g, const char *live, const char *uniform) {
+static char *bases_of(Memory *m, const Graph *g, const char *live, const char *uniform, int64_t roots) {
     char *const asked = room_for(m, 2 * g->count), *const bases = asked + g->count;
     char *const seen = room_for(m, g->count); /* divisions by a base: by how many, and by roots of it */
     enum { ONCE = 1, OFTEN = 2, BY_ROOTS = 4 };
@@ -116,6 +117,7 @@ static char *bases_of(Memory *m, const Graph *g, const char *live, const char *u
         if (n.kind == OP_div && x.e > 0) seen[x.base] |= (seen[x.base] & ONCE ? OFTEN : ONCE) | (x.e % 4 ? BY_ROOTS : 0);
     }
     for (int64_t i = 0; i < g->count; i++) {
+        if (seen[i] & BY_ROOTS && roots) continue;
         if (seen[i] & BY_ROOTS) bases[i] = ROOT;
         else if (seen[i] & OFTEN || (seen[i] && uniform[i])) bases[i] = RECIPROCAL;
     }

@@ -165,8 +165,8 @@ def _functions_as_data(
     sides = ca.vertcat(*bounds(*piece, u, s.c))
     if ca.depends_on(ca.vertcat(values, sides), ca.vertcat(s.control, u)):
         return None
-    at_nodes = row_function_or_none("values", [s.q, s.v, s.t], s.c, [values])
-    along = row_function_or_none("bounds", piece, s.c, [ca.densify(sides)])
+    at_nodes = row_function_or_none("values", [s.q, s.v, s.t], s.c, [values], roots=True)
+    along = row_function_or_none("bounds", piece, s.c, [ca.densify(sides)], roots=True)
     return None if at_nodes is None or along is None else (at_nodes, along)
 
 
