@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import varint as vi
 from varint.codegen.cache import compiler
@@ -127,3 +128,53 @@ def test_the_stages_go_over_to_newtons_method_where_inertia_magnifies_round_off(
     exact = np.cosh(np.arcsinh(slope) + motion.t)
     assert np.abs(motion.q[:, 0] / exact - 1).max() < 1e-11
     assert motion.stats["residual"] < 1e-14
+
+
+def by_dop853(system: vi.System, q0, v0, duration: float) -> np.ndarray:
+    """Where the motion of a Lagrangian ends."""
+    s, n = system, len(q0)
+    push = ca.gradient(s.lagrangian, s.q) - ca.jacobian(s.momentum, s.q) @ s.v
+    a = ca.Function("a", [s.q, s.v], [ca.solve(s.mass_matrix, push)])
+    found = solve_ivp(
+        lambda t, y: np.append(y[n:], a(y[:n], y[n:]).full()),
+        (0.0, duration),
+        np.append(q0, v0),
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-15,
+    )
+    return found.y[:n, -1]
+
+
+@pytest.mark.parametrize("seed", (8, 15, 42, 56, 84))
+def test_a_metric_that_depends_on_directions_needs_no_rest(seed):
+    """Randers' F² is not defined at rest; changes of forces come one evaluation after those of
+    velocities, which was taken for divergence.
+    """
+    q, v = vi.coordinates("x", "y")
+    length = ca.norm_2(v) + 0.3 * ca.cos(q[1]) * v[0]
+    system = vi.System(q, v, length**2 / 2 - 0.1 * q[0] * q[1])
+    random = np.random.default_rng(0)
+    for _ in range(seed + 1):
+        q0, v0, duration = random.normal(size=2), random.normal(size=2), random.uniform(0.1, 2)
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=duration)
+    error = np.abs(motion.q[-1] - by_dop853(system, q0, v0, duration)).max()
+    assert error < 1e-9 * np.abs(motion.q).max() and motion.stats["steps"] < 100
+    stepped = vi.simulate(system, q0=q0, v0=v0, duration=duration, steps=30)
+    assert np.abs(stepped.v[0] - v0).max() < 1e-13  # found from the momentum
+
+
+def test_round_off_of_a_rest_energy_ends_iterations():
+    """A relativistic charge in a magnetic bottle: c² of rest energy left changes of a few last
+    digits, at which single steps of every run failed.
+    """
+    q, v = vi.coordinates("x", "y", "z")
+    c, field = 14.74, 11.1 * (1 + (q[2] / 1.508) ** 2)
+    lagrangian = -(c**2) * ca.sqrt(1 - ca.sumsqr(v) / c**2) + field * (q[0] * v[1] - q[1] * v[0])
+    system = vi.System(q, v, lagrangian)
+    start = [-0.106, -0.772, -0.179], [-0.055, 0.168, -0.984]
+    exact = by_dop853(system, *start, 5.1)
+    for tol in (1e-5, 1e-9):
+        motion = vi.simulate(system, q0=start[0], v0=start[1], duration=5.1, tol=tol)
+        error = np.abs(motion.q[-1] - exact).max()
+        assert error < tol * np.abs(motion.q).max() and motion.stats["steps"] <= 4096

@@ -34,6 +34,9 @@ NOT = {
     "quartic well": of_potential(q2, v2, ca.sumsqr(q2) ** 2),
     "pendulum": of_potential(q1, v1, -ca.cos(q1)),
     "Morse": of_potential(q1, v1, (1 - ca.exp(-q1)) ** 2),
+    "bond": of_potential(q2, v2, (1 - ca.exp(-2 * (R2 - 1.12))) ** 2),
+    "steep bond": of_potential(q2, v2, (1 - ca.exp(-60 * (R2 - 1.12))) ** 2),
+    "square of powers": of_potential(q2, v2, (R2**-6 - 1) ** 2),
     "spring with a length": of_potential(q2, v2, (R2 - 1) ** 2),
     "uniform field": vi.System(q2, v2, ca.sumsqr(v2) / 2 + q2[0] * v2[1]),
 }
@@ -90,3 +93,15 @@ def test_runs_in_flight_keep_their_promise(name):
     assert motion.fictitious is not None
     assert error < motion.stats["error_estimate"] <= 1e-9
     assert motion.stats["steps"] < 500
+
+
+@pytest.mark.parametrize("steepness", (2.0, 12.0))
+@pytest.mark.parametrize("v0", ([-0.209, -0.0112], [0.05, 0.1], [0.0, -0.3]))
+def test_a_bond_vibrates_through_where_its_force_vanishes(steepness, v0):
+    """V''/V' has a pole there, at which steps that followed it came to an end."""
+    bond = of_potential(q2, v2, (1 - ca.exp(-steepness * (R2 - 1.12))) ** 2)
+    start = {"q0": [0.0, 1.1], "v0": v0, "duration": 2.0}
+    motion = vi.simulate(bond, **start)
+    closer = vi.simulate(bond, vi.gauss(8), **start, steps=400)
+    assert np.abs(motion.q[-1] - closer.q[-1]).max() < 1e-9
+    assert motion.stats["steps"] < 100

@@ -62,13 +62,15 @@ def velocity_function(system: System) -> ca.Function:
 
 
 def _first_velocity(system: System) -> ca.Function:
-    """(q, p, t, c) → v to begin with: rest, or where a coordinate has no mass at rest, as with the
-    kinetic energy v⁴, the multiple of p whose momentum is nearest to p.
+    """(q, p, t, c) → v to begin with: rest, or where a coordinate has no mass there, as with the
+    kinetic energy v⁴, or none that is finite, as with powers of √(v·G v), the multiple of p whose
+    momentum is nearest to p.
     """
     s, p = system, ca.SX.sym("p", system.v.numel())
     best = ca.SX.zeros(s.v.shape)
-    at_rest = ca.diag(ca.substitute(s.mass_matrix, s.v, best))
-    if any(x.is_zero() for x in ca.vertsplit(at_rest)):
+    at_rest = ca.substitute(s.mass_matrix, s.v, best)
+    massless = any(x.is_zero() for x in ca.vertsplit(ca.diag(at_rest)))
+    if massless or not _is_finite(ca.Function("at_rest", [s.q, s.t, s.c], [at_rest])):
         missing = ca.Function("missing", [s.v, s.q, p, s.t, s.c], [ca.sumsqr(s.momentum - p)])
         size: ca.SX = ca.inf
         for multiple in MULTIPLES:
@@ -78,6 +80,12 @@ def _first_velocity(system: System) -> ca.Function:
                 ca.if_else(off < size, off, size),
             )
     return ca.Function("first_velocity", [s.q, p, s.t, s.c], [ca.densify(best)])
+
+
+def _is_finite(f: ca.Function) -> bool:
+    """Whether no number in a function is infinite or none."""
+    numbers = (k for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
+    return all(np.isfinite(f.instruction_constant(k)) for k in numbers)
 
 
 def _first_order_velocity(system: System) -> ca.Function:

@@ -72,8 +72,9 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         } else c->idle[r] += 1;
         int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size);
         double left = now / (size + 1e-300);
-        if (!settled && !LEGENDRE_ITERATIONS && c->idle[r] >= IDLE) { /* neither shrinks nor goes on in one direction */
-            const int by_size = now <= (c->idle[r] >= LONG_IDLE ? NOISE : 1e-12) * size, by_most = now <= 1e-13 * most;
+        if (!settled && c->idle[r] >= IDLE) { /* neither shrinks nor goes on in one direction */
+            const double far = LEGENDRE_ITERATIONS ? 1e-13 : c->idle[r] >= LONG_IDLE ? NOISE : 1e-12; /* inertia may be far off */
+            const int by_size = now <= far * size, by_most = now <= 1e-13 * most;
             settled = by_size || by_most || rests || is_unseen(s, fresh, r);
             if (settled) left = by_most ? now / most : by_size ? left : EPS;
             if (settled && !rests && largest(change_of(fresh[r], c->from[r])) > DRIFTS * now) {

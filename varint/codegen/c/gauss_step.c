@@ -135,7 +135,8 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     return end;
 }
 
-/* Step k until its end, or until no end is to be expected? */
+/* Step k until its end, or until no end is to be expected? What a velocity that is the same all along the step changes shows
+   in the forces one evaluation later, where they depend on it. */
 #ifdef SCENE_AS_DATA
 INLINE
 #else
@@ -145,8 +146,9 @@ int iterated(Run *r, int64_t k, int begun) {
     const Change *const c = &r->change;
     const double t_next = r->t0 + r->h * (double)(k + 1);
     const int64_t first_count = begun ? r->now.count + 1 : 0; /* its change is that of the start of the step, too */
+    const int64_t least = LEGENDRE_ITERATIONS && !r->known ? 2 : 1, judged = r->known || LEGENDRE_ITERATIONS;
     int end = 0;
-    while (r->now.count < r->most && !end && c->off <= BEYOND && !((r->known || LEGENDRE_ITERATIONS) && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
+    while (r->now.count < r->most && !end && c->off <= BEYOND && !(judged && c->checks > least && !(c->now <= DIVERGED * c->first)))
         end = improve_step(r, t_next, first_count);
     return end;
 }

@@ -4,7 +4,9 @@
 
    `legendre` gives what is missing, dL/dv - p, and the correction that a linear dL/dv would need. Where L is defined for some
    v only (relativity) a full correction may leave them; comparisons with what is not a number are false, so it is halved, too.
-   At round-off no part of it shrinks what is missing, and v stays. Of vectors all lanes are the same. */
+   At round-off no part of it shrinks what is missing, and v stays; so it does at rest where inertia is infinite there, as that
+   of powers of sqrt(v.Gv), with much missing, which is no end. Of vectors all lanes are the same. */
+#define SOLVED 1e-20 /* of p^2: less is round-off */
 INLINE double square_of(const V *x) {
     V sum = splat(0.0);
     for (int i = 0; i < N; i++) sum = v_fma(x[i], x[i], sum);
@@ -22,18 +24,9 @@ static __attribute__((noinline)) void begin_along(const V *q, const V *p, const 
     }
 }
 
-static __attribute__((noinline)) void inverted(const V *q, const V *p, const V *t, const double *w, V *v) {
-    V missing[N], correction[N], trial[N], next[N];
-    legendre(v, q, p, t, w, missing, correction);
-    double size = square_of(missing);
-    if (!(size < INFINITY)) {
-        for (int i = 0; i < N; i++) v[i] = splat(0.0);
-        legendre(v, q, p, t, w, missing, correction), size = square_of(missing);
-    }
-    if (!(square_of(correction) < INFINITY)) {
-        begin_along(q, p, t, w, v);
-        legendre(v, q, p, t, w, missing, correction), size = square_of(missing);
-    }
+/* Newton's method; 0 where its first correction shrinks nothing. */
+static int improved(const V *q, const V *p, const V *t, const double *w, V *v, V *correction, double size) {
+    V missing[N], trial[N], next[N];
     for (int count = 0; count < LEGENDRE_ITERATIONS; count++) {
         double part = 1, left = size;
         int shrinks = 0;
@@ -42,7 +35,22 @@ static __attribute__((noinline)) void inverted(const V *q, const V *p, const V *
             legendre(trial, q, p, t, w, missing, next);
             left = square_of(missing), shrinks = left < size;
         }
-        if (!shrinks) break;
+        if (!shrinks) return count > 0;
         size = left, memcpy(v, trial, sizeof trial), memcpy(correction, next, sizeof next);
     }
+    return 1;
+}
+
+static __attribute__((noinline)) void inverted(const V *q, const V *p, const V *t, const double *w, V *v) {
+    V missing[N], correction[N];
+    legendre(v, q, p, t, w, missing, correction);
+    double size = square_of(missing);
+    if (!(size < INFINITY)) {
+        for (int i = 0; i < N; i++) v[i] = splat(0.0);
+        legendre(v, q, p, t, w, missing, correction), size = square_of(missing);
+    }
+    if (square_of(correction) < INFINITY && (improved(q, p, t, w, v, correction, size) || size <= SOLVED * square_of(p))) return;
+    begin_along(q, p, t, w, v);
+    legendre(v, q, p, t, w, missing, correction);
+    improved(q, p, t, w, v, correction, square_of(missing));
 }

@@ -38,7 +38,7 @@ from varint.scene.system import System
 TWICE_KINETIC = ca.SX.sym("twice the kinetic energy")  # of which the rate is an expression, too
 INITIAL_ENERGY = ca.SX.sym("initial energy")
 # values of a form at which its term is looked at: of all units that anyone takes
-SIZES = np.logspace(-30, 30, 61)
+SIZES = np.logspace(-30, 30, 301)
 CHANGE = 0.5  # of the rate by that of the force: its square is as V'
 LEFT = 0.1  # of the potential: a kinetic energy at least where that of the start's level is unsure
 POWER = -1.5  # s V''/V' of 1/r, for which any power of a distance is taken
@@ -101,21 +101,24 @@ def _of_terms(system: System) -> ca.SX:
 
 
 def _changes(system: System, terms: list[Term]) -> list[ca.SX | None]:
-    """V''/V' of each term as an expression of its form, where |V'| shrinks with |s|: nowhere else
-    does a force become larger on the way to s = 0.
+    """V''/V' of each term as an expression of its form, where |V'| shrinks with |s| and vanishes
+    nowhere: nowhere else does a force become larger on the way to s = 0, and where it vanishes
+    there is no rate.
     """
     s = ca.SX.sym("s")
-    each = [ca.substitute(x.s * x.second / x.first, x.s, s) for x in terms]
+    each = [ca.substitute(ca.vertcat(x.s * x.second / x.first, x.first), x.s, s) for x in terms]
     constants = constants_of(system)
     f = ca.Function("changes", [s, constants], [ca.vertcat(*each)])
     sizes = np.concatenate((-SIZES, SIZES))
     with np.errstate(all="ignore"):
         given = np.append(system.default_vector, [1.0] * (not system.structure.autonomous))
-        tried = f(sizes[None], given).full()
+        tried = f(sizes[None], given).full().reshape(len(terms), 2, -1)
     found: list[ca.SX | None] = []
-    for x, y in zip(terms, tried, strict=True):
-        known = y[np.isfinite(y) & (x.linear | (sizes > 0))]
-        if not (known.size and (known <= SAME).all() and known.min() < -SAME):
+    for x, (y, first) in zip(terms, tried, strict=True):
+        there = np.isfinite(y) & (x.linear | (sizes > 0))
+        known, pulls = y[there], np.split(np.where(there, np.sign(first), 0.0), 2)
+        turns = any(pull.min() < 0 < pull.max() for pull in pulls)
+        if turns or not (known.size and (known <= SAME).all() and known.min() < -SAME):
             found.append(None)
         elif np.ptp(known) <= SAME * abs(known[0]):
             found.append(POWER / x.s)

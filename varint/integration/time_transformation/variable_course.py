@@ -110,7 +110,12 @@ def choose_varying_steps(
         warnings.simplefilter("ignore")
         prepared = prepare(system, own, word, start, asked, problem)
         course = _course(prepared, span, total, options.scale, prepared.stop is not None)
-        found = run_twice(own, course, first, tol, FLOOR)
+        try:
+            found = run_twice(own, course, first, tol, FLOOR)
+        except ConvergenceError:
+            if not pilot.flight:
+                raise
+            found = None  # a rate in flight may have poles where the motion has none
     if found is None:
         return None
     if not resolves_signals(system, problem.c, found.run.t):
