@@ -56,7 +56,7 @@ def damped_line(many: int = 20) -> vi.System:
 
 # scene, stages, start, momenta, h: fixed-point iteration alone diverges there, or nearly so
 STIFF = {
-    "velocities and forces": (arm, 8, [0.0, 0.0], [0.0, 0.0], 0.1),
+    "velocities and forces": (arm, 8, [0.0, 0.0], [0.0, 0.0], 0.06),
     "the same with controls": (lambda: arm(control=True), 6, [0.0, 0.0], [0.0, 0.0], 0.1),
     "accelerations, by speeds": (damped_spring, 4, [1.0, 0.5], [0.0, 2.0], 0.2),
     "accelerations": (stiff_chain, 4, [1.0, 0, 0, 0.02, 0, 0], [1.0, 0, 0, 1.0, 0, 0], 0.1),

@@ -354,22 +354,43 @@ static Sum expanded(Rewriting *r, Sum x) {
     return y;
 }
 
+/* Whether all terms are what is given, as places are, or numbers: their differences have no round-off where they are alike. */
+static int is_given(const Rewriting *r, Sum x) {
+    for (int64_t i = 0; i < x.many; i++) {
+        const Term t = x.term[i];
+        if (t.powers || (t.a != r->graph.unit && r->graph.node[t.a].kind != INPUT)) return 0;
+    }
+    return x.many > 1;
+}
+
 /* Like terms added up, also those of the sums in it where some of them cancel. */
 static Sum added_up(Rewriting *r, Sum x) {
     const Sum brief = merged(r, x);
-    for (int64_t i = 0; i < x.many; i++)
-        if (about(r, x.term[i].a)->part) {
-            const Sum looked_into = merged(r, expanded(r, x));
-            return looked_into.many <= brief.many ? looked_into : brief;
-        }
-    return brief;
+    int64_t least = INT64_MAX;
+    for (int64_t i = 0; i < x.many; i++) {
+        const Part *const part = about(r, x.term[i].a)->part;
+        if (!part) continue;
+        const int64_t most = brief.many - is_given(r, part->terms);
+        if (most < least) least = most;
+    }
+    if (least == INT64_MAX) return brief;
+    const Sum looked_into = merged(r, expanded(r, x));
+    return looked_into.many <= least ? looked_into : brief;
 }
 
 static int is_number(const Rewriting *r, Sum x) { return x.many == 1 && x.term[0].a == r->graph.unit && !x.term[0].powers; }
 
+/* A number of times a sum; a sum of what is given stays together: K x - K y, or (K + k) x - K y where k x is added to it, would
+   err by last digits of K x where x - y has none, and on one side of a stiff spring by others than on the other. */
+static Sum so_many_times(Rewriting *r, Sum x, double factor) {
+    if (fabs(factor) == 1.0 || factor == 0.0 || !is_given(r, x)) return scaled(r, x, factor);
+    const Term t = term_of(r, x);
+    return single(r, factor * t.c, t.a, t.powers);
+}
+
 static Sum product(Rewriting *r, Sum x, Sum y) {
-    if (is_number(r, x)) return scaled(r, y, x.term[0].c);
-    if (is_number(r, y)) return scaled(r, x, y.term[0].c);
+    if (is_number(r, x)) return so_many_times(r, y, x.term[0].c);
+    if (is_number(r, y)) return so_many_times(r, x, y.term[0].c);
     const Term s = term_of(r, x), t = term_of(r, y);
     return single(r, s.c * t.c, times(&r->graph, s.a, t.a), joined(r, s.powers, t.powers));
 }
@@ -377,7 +398,7 @@ static Sum product(Rewriting *r, Sum x, Sum y) {
 static Sum quotient(Rewriting *r, Sum x, Sum y) {
     Graph *const g = &r->graph;
     const Term below = term_of(r, y);
-    if (below.c != 0.0 && below.a == g->unit && !below.powers) return scaled(r, x, 1.0 / below.c);
+    if (below.c != 0.0 && below.a == g->unit && !below.powers) return so_many_times(r, x, 1.0 / below.c);
     const Term above = term_of(r, x);
     if (below.c == 0.0) {
         const int32_t a = sum_node(r, x);
