@@ -51,7 +51,9 @@ def quiet_block(
     quiet = first_event_between(system, rule, problem, at, here, states[:good], t[: good + 1])
     happens = quiet < good
     after = advance(at, states[:quiet], problem.h, 1)
-    after = after._replace(t=float(t[quiet]), largest=FIRST_LOOK if happens else after.largest)
+    largest = FIRST_LOOK if happens else after.largest
+    # sizes say which gaps touch, so they do not depend on how many steps a block has
+    after = after._replace(t=float(t[quiet]), largest=largest, scale=at.scale)
     kept = quiet if happens else min(quiet + 1, count)
     failed = 0.0 if happens or good == count else residual_of(states[good])
     worst = float(states[quiet - 1, -1]) if quiet else 0.0
