@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -88,7 +89,7 @@ def trajectory_of(
             [problem.t0 + problem.h * b.k[: b.good] if b.t is None else b.t for b in nodes]
         )
     active_sets, active_set = _active_sets(run.system, problem, nodes)
-    events = [*[event for block in nodes for event in block.events], *noted]
+    events = [*one_by_one([event for block in nodes for event in block.events], problem.h), *noted]
     q, p = (np.concatenate([block[i] for block in nodes]) for i in (1, 2))
     iterations = sum([block.iterations for block in nodes])
     residual = max([block.residual for block in nodes])
@@ -100,6 +101,20 @@ def trajectory_of(
         in_order(events, problem.h),
         interrupted,
     )
+
+
+def one_by_one(events: Sequence[Event], h: float) -> list[Event]:
+    """Events as they came, none later than the one that follows: a stop is told with the time when
+    all bounces are over, and what another contact does before that ends them.
+    """
+    forward, after = 1.0 if h > 0 else -1.0, np.inf
+    found = list[Event]()
+    for event in reversed(events):
+        if event.time * forward > after:
+            event = replace(event, time=after * forward)
+        after = event.time * forward
+        found.append(event)
+    return found[::-1]
 
 
 def in_order(events: list[Event], h: float) -> tuple[Event, ...]:

@@ -1,6 +1,6 @@
 /* What holds: accelerations and multipliers, and when a contact lets go: a part of contacts.c. */
 
-/* The equations M y - W' m = b, W y = c of all that holds, factorised; scaled as `_saddle` in impacts.py. 0 where they
+/* The equations M y - W' m = b, W y = c of all that holds, factorised; scaled as `saddle` in held.py. 0 where they
    are not regular. */
 static int factorise(Work *x) {
     const int held = (int)x->held[0], all = N + held;

@@ -65,23 +65,31 @@ static double rounding(const Work *x, const double *point, int i) {
     return ROUND_OFF * sum;
 }
 
+/* Where a gap closes again that rises from a at the rate ra: at zero, or where it began below; see `level_of` in gaps.py. */
+INLINE double level_of(double a, double b, double ra, double rb) {
+    const double low = fmin(a, 0), bend = 3 * (b - a) - 2 * ra - rb;
+    return ra * ra <= 8 * low * bend ? low : 0;
+}
+
 /* Where gap i closes, open at one instant and closed at a later one, which becomes the instant of the impact; 0 where that
    is not found. */
 static int closing(Work *x, const double *from, double t, int i, const double *left, double *right) {
     double a = left[0], fa = GAP_OF(left)[i], ra = RATE_OF(left)[i], b = right[0], fb = GAP_OF(right)[i], rb = RATE_OF(right)[i];
+    double level = 0;
     if (fa <= x->close[i]) { /* it has just bounced: the other zero is wanted */
         if (!(ra > 0)) {
             COPY(right, left, POINT);
             return 1;
         }
-        fa = 0;
+        level = level_of(fa, fb, ra * (b - a), rb * (b - a)), fa = 0;
     }
+    fb -= level;
     const double tolerance = LOCATED * fmax(fabs(a), fabs(b));
     double f = fb;
     for (int k = 0; k < GAP_ITERATIONS; k++) {
         const double at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a), NEWTON, LOCATED);
         if (!ahead_by(x, from, t, at, right)) return 0;
-        f = GAP_OF(right)[i];
+        f = GAP_OF(right)[i] - level;
         const double r = RATE_OF(right)[i];
         if (fabs(f) <= fmax(fabs(r) * tolerance, rounding(x, right, i))) return 1;
         if (fabs(b - a) <= tolerance) break;

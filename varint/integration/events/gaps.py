@@ -18,6 +18,7 @@ from varint.integration.events.contacts import (
     passage_function,
     split,
 )
+from varint.integration.events.held import ROUND_OFF
 from varint.integration.events.impacts import PULL, RESTING, TOUCH
 from varint.integration.events.roots import LOCATED, find_root
 from varint.integration.problem import InitialValueProblem
@@ -30,7 +31,6 @@ from varint.scene.system import System
 
 MOST_LOOKS = 300  # within a step; a gap that is in doubt everywhere is zero up to round-off
 HALVINGS = 20  # of what is left of a step: gaps that dip shallower than its square allows stay open
-ROUND_OFF = np.finfo(float).eps  # of what adds up to a gap: below, it is zero
 NEWTON = 60  # of the cubic's root: bisection alone would be done by then
 
 
@@ -262,16 +262,18 @@ def _closing(passage: Passage, i: int, left: Reached, right: Reached, close: flo
     (a, fa, ra), (b, fb, rb) = (
         (x.ahead, float(x.seen.gap[i]), float(x.seen.rate[i])) for x in (left, right)
     )
+    level = 0.0
     if fa <= close:  # it has just bounced: the other zero is wanted
         if not ra * right.ahead > 0:
             return a
-        fa = 0.0
+        level, fa = level_of(fa, fb, ra * (b - a), rb * (b - a)), 0.0
+    fb -= level
     tolerance = LOCATED * max(abs(a), abs(b))
     at = b
     for _ in range(GAP_ITERATIONS):
         at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a))
         reached = passage.to(at)
-        f, r = float(reached.seen.gap[i]), float(reached.seen.rate[i])
+        f, r = float(reached.seen.gap[i]) - level, float(reached.seen.rate[i])
         rounding = ROUND_OFF * float(np.abs(passage.here.closing[i] * reached.now.q).sum())
         if abs(f) <= max(abs(r) * tolerance, rounding):
             return at
@@ -287,6 +289,14 @@ def _closing(passage: Passage, i: int, left: Reached, right: Reached, close: flo
             "open: give a gap that is continuous, such as the distance from the obstacle"
         )
     return at
+
+
+def level_of(a: float, b: float, ra: float, rb: float) -> float:
+    """Where a gap closes again that rises from a at the rate ra, along the cubic with values a, b
+    and slopes ra, rb at 0 and 1: at zero, or where it began below, as it hardly leaves that.
+    """
+    low, bend = min(a, 0.0), 3 * (b - a) - 2 * ra - rb
+    return low if ra * ra <= 8 * low * bend else 0.0
 
 
 def cubic_root(a: float, b: float, ra: float, rb: float) -> float:

@@ -16,11 +16,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from varint.discrete.consistency import independent
 from varint.discrete.constraints import ActiveSet, multiplier_function, multipliers_along
 from varint.discrete.inertia import inertia_roots
 from varint.errors import StepRefused
 from varint.integration.events.contacts import Instant, View, first_contact, least_pull, view
+from varint.integration.events.held import answer, landed, solvable
 from varint.numerics.arrays import call, lengths
 from varint.results.records import Event
 from varint.scene.memory import per_system
@@ -105,28 +105,34 @@ def settle(
         if not coming.any():
             break
         hit = int(np.argmin(np.where(coming, rate / np.maximum(quick, SPEED_OF_NOTHING), 0.0)))
-        now, seen, event = _impact(setting, now, seen, hit, tired)
+        still = np.flatnonzero(closed & (np.abs(rate) <= RESTING * quick)).tolist()
+        now, seen, event = _impact(setting, now, seen, hit, still, tired)
         events.append(event)
     resting = np.flatnonzero(closed & (np.abs(seen.rate) <= RESTING * quick)).tolist()
     candidates = sorted({*now.active_set.holding, *resting} - released)
-    active_set = _holding(setting, now, seen, candidates, sinking)
+    now = replace(now, active_set=_holding(setting, now, seen, candidates, sinking))
+    there = landed(setting.system, now, seen, np.flatnonzero(closed).tolist())
+    if there is not now:
+        now, seen = there, view(setting.system, there, setting.c)
+    q, holding = tuple(now.q.tolist()), now.active_set.holding
     events = [
-        replace(
-            e, kind="stop" if e.kind == "stop" and e.contact in active_set.holding else "impact"
-        )
+        replace(e, q=q)
+        if e.kind == "impact" or e.contact in holding
+        else replace(e, q=q, kind="impact", time=float(now.t))
         for e in events
     ]
-    return replace(now, active_set=active_set), seen, events
+    return now, seen, events
 
 
 def _impact(
-    setting: Setting, now: Instant, seen: View, hit: int, tired: bool
+    setting: Setting, now: Instant, seen: View, hit: int, still: list[int], tired: bool
 ) -> tuple[Instant, View, Event]:
     """Reflect the rate of one contact; plastic ones that hold stay closed, or open where the
     impulse would pull them.
 
     Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate
-    becomes 0.
+    becomes 0. Those that are `still` and would open for such a flight stay closed: rocking that
+    dies out.
     """
     bounce = 0.0 if tired else float(setting.restitution[hit])
     if lengths(seen.slope[first_contact(setting.system) + hit]) <= FLAT:
@@ -140,20 +146,24 @@ def _impact(
             f"restitution is {bounce:g}: what an impact takes away cannot be found again; only "
             "restitution 1 can be undone"
         )
-    after, later, impulse = _reflect(setting, now, seen, hit, bounce, tired)
-    wait = 0.0
-    opened = [
-        i for i in _plastic(setting, now) if i not in after.active_set.holding and later.rate[i] > 0
-    ]
-    # rocking that dies out
-    if any(_flight(setting, after, later, i) <= ZENO * abs(setting.h) for i in opened):
-        after, later, impulse = _reflect(setting, now, seen, hit, bounce, True)
-    if bounce > 0 and setting.h > 0:
-        flight = _flight(setting, after, later, hit)
-        if flight <= ZENO * abs(setting.h):
-            wait = flight / (1 - bounce) if bounce < 1 else 0.0
-            bounce = 0.0
-            after, later, impulse = _reflect(setting, now, seen, hit, bounce, tired)
+    shortest, wait, kept = ZENO * abs(setting.h), 0.0, list[int]()
+    while True:
+        after, later, impulse = _reflect(setting, now, seen, hit, bounce, kept, tired)
+        opened = [
+            i
+            for i in still
+            if i not in after.active_set.holding
+            and later.rate[i] > 0
+            and _flight(setting, after, later, i) <= shortest
+        ]
+        kept += opened
+        flight = np.inf
+        if not opened and bounce > 0 and setting.h > 0:
+            flight = _flight(setting, after, later, hit)
+        if flight <= shortest:
+            wait, bounce = flight / (1 - bounce) if bounce < 1 else 0.0, 0.0
+        elif not opened:
+            break
     kind = "impact" if bounce > 0 else "stop"
     return (
         after,
@@ -176,42 +186,41 @@ def event_between(
     return Event(time, kind, contact, impulse, seen.energy, later.energy, *map(tuple, states))
 
 
-def _plastic(setting: Setting, now: Instant) -> list[int]:
-    """Contacts that hold and do not bounce."""
-    return [i for i in now.active_set.holding if setting.restitution[i] == 0]
-
-
 def _reflect(
-    setting: Setting, now: Instant, seen: View, hit: int, bounce: float, sticks: bool
+    setting: Setting,
+    now: Instant,
+    seen: View,
+    hit: int,
+    bounce: float,
+    kept: list[int],
+    sticks: bool,
 ) -> tuple[Instant, View, float]:
-    """The instant after the blow, as seen then, and its impulse; if it `sticks`, plastic
-    contacts all stay closed.
+    """The instant after the blow, as seen then, and its impulse; those that are `kept` stay
+    closed, and if it `sticks`, plastic contacts all do.
     """
     system, first = setting.system, first_contact(setting.system)
     fixed = [*now.active_set.rows, *range(system.constraint.numel(), first)]
-    holding = list(now.active_set.holding)
+    holding = sorted({*now.active_set.holding, *kept})
     row = seen.slope[first + hit]
     while True:
         rows = seen.slope[[*fixed, *(first + i for i in holding)]]
-        y, shares = _answer(seen.mass, rows, row)
+        y, shares = answer(seen.mass, rows, row)
         felt = np.empty(0)
         if holding:
             blows = np.append(shares[len(fixed) :], 1.0) * lengths(
                 seen.slope[[*(first + i for i in holding), first + hit]]
             )
             felt = math.copysign(1.0, -float(seen.rate[hit])) * blows[:-1] / np.abs(blows).max()
-        elastic = [
-            i
-            for i, x in zip(holding, felt, strict=True)
-            if setting.restitution[i] > 0 and abs(x) > PULL
-        ]
+        free = [x for x in zip(holding, felt.tolist(), strict=True) if x[0] not in kept]
+        elastic = [i for i, x in free if setting.restitution[i] > 0 and abs(x) > PULL]
+        pulled = min(free, key=lambda x: x[1], default=(0, 0.0))
         if elastic:  # these hand the blow on; one that does not feel it stays closed
             holding = [i for i in holding if i not in elastic]
-        elif not sticks and (felt < -PULL).any():
-            holding.pop(int(np.argmin(felt)))
+        elif not sticks and pulled[1] < -PULL:
+            holding.remove(pulled[0])
         else:
             break
-    active_set = _solvable(system, now, seen, holding)
+    active_set = solvable(system, now, seen, holding)
     blow, size = row + rows.T @ shares, inertia_roots(seen.mass)
     if lengths(blow / size) <= DEPENDENT * lengths(row / size):
         raise StepRefused(
@@ -224,38 +233,6 @@ def _reflect(
     rest = -(1 + bounce) * float(y @ now.carry) / unit
     after = replace(now.pushed(impulse * blow, rest * blow), active_set=active_set)
     return after, view(system, after, setting.c), impulse
-
-
-def _answer(mass: np.ndarray, rows: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities that a unit impulse along `row` makes, and the impulses along `rows`, which hold,
-    that come with it: M y = row + rowsᵀ μ, rows y = 0.
-    """
-    found = _saddle(mass, rows, np.concatenate([row, np.zeros(len(rows))]))
-    return found[: len(mass)], found[len(mass) :]
-
-
-def _saddle(mass: np.ndarray, rows: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of [M −Wᵀ; W 0] [y; μ] = right, equilibrated."""
-    n, m = len(mass), len(rows)
-    scales = np.empty(n + m)
-    size = np.sqrt(np.abs(mass.diagonal()))
-    if not size.all():
-        size = np.where(size > 0, size, size.max())
-    scales[:n] = size
-    matrix = np.zeros((n + m, n + m))
-    matrix[:n, :n] = mass / (size[:, None] * size)
-    if m:
-        scaled = rows / size
-        length = lengths(scaled)
-        length = np.where(length > 0, length, 1.0)  # a row of zeros: no impulse along it
-        scaled /= length[:, None]
-        matrix[:n, n:], matrix[n:, :n] = -scaled.T, scaled
-        scales[n:] = length
-    try:
-        found = np.linalg.solve(matrix, right / scales)  # exact where a blow only turns a sign
-    except np.linalg.LinAlgError:
-        found = np.linalg.lstsq(matrix, right / scales, rcond=1e-12)[0]
-    return found / scales
 
 
 def _flight(setting: Setting, now: Instant, seen: View, contact: int) -> float:
@@ -271,7 +248,7 @@ def _holding(
     """Of the contacts at rest, those that must push to stay closed, and those known to sink."""
     system = setting.system
     while candidates:
-        active_set = _solvable(system, now, seen, candidates)
+        active_set = solvable(system, now, seen, candidates)
         slots = first_contact(system) + np.array(candidates)
         rows = now.q[None], seen.v[None], setting.u[None], np.array([now.t]), setting.c
         lam = multipliers_along(system, active_set, *rows)[0]
@@ -283,17 +260,3 @@ def _holding(
             return active_set
         candidates.pop(int(np.argmin(pressures)))
     return replace(now.active_set, contacts=(), holding=())
-
-
-def _solvable(system: System, now: Instant, seen: View, holding: list[int]) -> ActiveSet:
-    """The active set with these contacts held; of dependent rows, the first are solved for."""
-    if not holding:
-        return replace(now.active_set, contacts=(), holding=())
-    first = first_contact(system)
-    fixed = [*now.active_set.rows, *range(system.constraint.numel(), first)]
-    kept = independent(seen.slope, seen.mass, [*fixed, *(first + i for i in holding)])
-    return replace(
-        now.active_set,
-        contacts=tuple(i - first for i in kept if i >= first),
-        holding=tuple(holding),
-    )

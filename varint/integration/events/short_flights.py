@@ -28,7 +28,7 @@ from varint.integration.many_steps import in_gear, steps_again
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.steppers.uniform_field import is_uniform
-from varint.integration.trajectories import in_order, stats_of
+from varint.integration.trajectories import one_by_one, stats_of
 from varint.numerics.arrays import call
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
@@ -132,7 +132,7 @@ def _made(
 ) -> Any:
     """The field of this name."""
     if name == "events":
-        return in_order([*events_of(found.hits, len(problem.q0))], problem.h)
+        return tuple(one_by_one(events_of(found.hits, len(problem.q0)), problem.h))
     if name == "stats":
         work = found.iterations, found.residual
         return stats_of(chosen, kernel, problem.steps, work, dict(told))
