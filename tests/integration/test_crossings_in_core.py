@@ -131,3 +131,34 @@ def test_a_node_where_the_slope_is_none_hides_no_zero(radius):
     times = [event.time for event in motion.events]
     np.testing.assert_allclose(times, [10 - radius, 10 + radius], rtol=1e-13)
     assert abs(vi.simulate(free, **start, until=rim).t[-1] - 10 + radius) < 1e-12
+
+
+@pytest.mark.parametrize("radius", (1.16e-5, 4.26e-5, 1e-3))
+def test_a_small_body_on_the_way_is_met(radius):
+    """A probe on a circular orbit meets a disc of the Moon's size in astronomical units, whose
+    distance has a kink that is ten thousand times narrower than a step.
+    """
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    start = {"q0": [1.0, 0.0], "v0": [0.0, 1.0], "duration": 2.5}
+    rim = ca.norm_2(q - ca.DM([np.cos(2.0), np.sin(2.0)])) - radius
+    exact = [2.0 - 2 * np.arcsin(radius / 2), 2.0 + 2 * np.arcsin(radius / 2)]
+    motion = vi.simulate(system, **start, events={"rim": rim})
+    np.testing.assert_allclose([event.time for event in motion.events], exact, atol=1e-9)
+    assert abs(vi.simulate(system, **start, until=rim).t[-1] - exact[0]) < 1e-9
+    found = find_crossings(crossing_search(system, parse_watch("rim", rim)), motion, {})
+    np.testing.assert_allclose(found.before.t, exact, atol=1e-9)
+
+
+def test_narrow_dips_of_quick_expressions_are_found():
+    """956 of them in sixteen steps."""
+    q, v = vi.coordinates("x")
+    t = vi.time()
+    system = vi.System(q, v, v**2 / 2 + ca.cos(q), t=t)
+    motion = vi.simulate(
+        system, q0=1.0, v0=0.0, duration=10.0, events={"dip": ca.sin(300 * t) - 0.9999}
+    )
+    turns = 2 * np.pi * np.arange(480)
+    exact = np.append(np.arcsin(0.9999) + turns, np.pi - np.arcsin(0.9999) + turns) / 300
+    exact = np.sort(exact[exact < 10])
+    np.testing.assert_allclose([event.time for event in motion.events], exact, atol=1e-12)

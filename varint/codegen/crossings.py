@@ -14,7 +14,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_ASKED = struct.Struct("17P12q3d")  # Crossings
+_ASKED = struct.Struct("17P13q4d")  # Crossings
 _SOURCE = c_source("crossings_core.c")
 SEARCHED, NO_ROOM, _ = range(len(c_names(_SOURCE, "enum Searched {")))  # how a call ends
 BROKEN, _, WANTED = range(len(c_names(_SOURCE, "enum Step {")))  # from a node to the next
@@ -27,12 +27,14 @@ class Numbers(NamedTuple):
     """Those of the search for zeros, as roots.py and isolation.py have them."""
 
     halvings: int
+    deepest: int
     most_pieces: int
     iterations: int
     secants: int
     newton: int
     located: float
     pole: float
+    shallow: float
 
 
 class Nodes(NamedTuple):
@@ -119,7 +121,7 @@ def locate_zeros(
         heads = parts, kernel.scene, rows, values.at, bounds.at
         sizes = u.shape[1], opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)
         counts = n, count, marking, *sizes
-        last = *numbers[:5], nodes.close, *numbers[5:]
+        last = *numbers[:6], nodes.close, *numbers[6:]
         return crossings_entry()(_ASKED.pack(*heads, *places, *counts, *last))
 
     opening = nowhere

@@ -17,7 +17,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 
 _WATCHED = struct.Struct("2Pq")  # Watched
-_SOUGHT = struct.Struct("3P8q2d2P")  # Sought
+_SOUGHT = struct.Struct("3P9q3d2P")  # Sought
 ROOM = 64  # zeros of all expressions together: where there are more they are searched elsewhere
 
 
@@ -72,9 +72,9 @@ def sought_by(
     search, parts = (cast(entry, c_void_p).value or 0 for entry in entries)
     each = b"".join(_WATCHED.pack(f.at, bounds.at, direction) for f, bounds, direction in watched)
     expressions = np.frombuffer(bytearray(each), np.uint8)
-    counts = len(watched), int(stops), len(places), *numbers[:5]
+    counts = len(watched), int(stops), len(places), *numbers[:6]
     lie = address_of(places), address_of(expressions)
-    packed = _SOUGHT.pack(search, parts, kernel.scene, *counts, *numbers[5:], *lie)
+    packed = _SOUGHT.pack(search, parts, kernel.scene, *counts, *numbers[6:], *lie)
     block = np.frombuffer(bytearray(packed), np.uint8)
     held = kernel, tuple(watched), places, expressions, block
     return Sought(address_of(block), ROOM, HEAD + 3 * kernel.n, held)

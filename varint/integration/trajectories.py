@@ -104,15 +104,16 @@ def trajectory_of(
 
 
 def one_by_one(events: Sequence[Event], h: float) -> list[Event]:
-    """Events as they came, none later than the one that follows: a stop is told with the time when
-    all bounces are over, and what another contact does before that ends them.
+    """Events as they came, those of contacts none later than the one that follows: a stop is told
+    with the time when all bounces are over, and what another contact does before that ends them.
     """
     forward, after = 1.0 if h > 0 else -1.0, np.inf
     found = list[Event]()
     for event in reversed(events):
-        if event.time * forward > after:
-            event = replace(event, time=after * forward)
-        after = event.time * forward
+        if event.contact is not None:
+            if event.time * forward > after:
+                event = replace(event, time=after * forward)
+            after = event.time * forward
         found.append(event)
     return found[::-1]
 

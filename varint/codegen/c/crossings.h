@@ -15,6 +15,6 @@ typedef struct {
     int64_t *found;                        /* zeros, and the first step that was not searched */
     char *steps;                           /* of every node but the last: a Step */
     int64_t n, nodes, marking, used, told, most, room; /* whether to tell apart QUIET steps alone; numbers of `u` and `opening` for each */
-    int64_t halvings, most_pieces, iterations, secants, newton;
-    double close, located, pole;           /* times so near to a node are that node's; see roots.py */
+    int64_t halvings, deepest, most_pieces, iterations, secants, newton;
+    double close, located, pole, shallow;  /* times so near to a node are that node's; see roots.py and isolation.py */
 } Crossings;

@@ -92,14 +92,14 @@ static int stays_above(double f0, double f1, double r0, double r1, double w, dou
     return low >= 0 || cone >= 0 || (left >= 0 && right >= 0);
 }
 
-/* Whether a piece may have more zeros than the signs at its ends tell. */
-static int in_doubt(double f0, double f1, double r0, double r1, double w, const double *e) {
-    if (w == 0 || e[2] >= 0 || e[3] <= 0) return 0;
+/* Whether a piece may have more zeros than the signs at its ends tell, and change by more than what is small. */
+static int in_doubt(double f0, double f1, double r0, double r1, double w, const double *e, double small) {
+    if (w == 0 || e[2] >= 0 || e[3] <= 0 || (fabs(e[2] * w) <= small && fabs(e[3] * w) <= small)) return 0;
     return !(stays_above(f0, f1, r0, r1, w, e[0], e[2], e[3], e[4]) ||
              stays_above(-f0, -f1, -r0, -r1, w, -e[1], -e[3], -e[2], -e[5]));
 }
 
-static int piece_in_doubt(const Crossings *a, const double *left, const double *right) {
+static int piece_in_doubt(const Crossings *a, const double *left, const double *right, double small) {
     const int64_t n = a->n;
     const double w = T_OF(right) - T_OF(left);
     double e[BOUNDS];
@@ -107,7 +107,7 @@ static int piece_in_doubt(const Crossings *a, const double *left, const double *
                                .arguments = {left + HEAD, left + HEAD + n, right + HEAD, right + HEAD + n, left, &w},
                                .results = {e}, .widths = {BOUNDS}};
     if (a->rows(&one) != DONE) return 1;
-    return in_doubt(F_OF(left), F_OF(right), RATE(left), RATE(right), w, e);
+    return in_doubt(F_OF(left), F_OF(right), RATE(left), RATE(right), w, e, small);
 }
 
 INLINE int changes(double f0, double f1) { return f0 * f1 < 0 && is_finite_number(f0 + f1); }
@@ -170,6 +170,7 @@ static int add_root(const Crossings *a, int64_t node, const double *left, const 
 /* The zeros of a step in doubt: halves, and halves of these, breadth first. `room` has points. */
 static int search_step(const Crossings *a, int64_t node, double *room, int32_t *piece, int32_t *roots) {
     const int64_t n = a->n, most = a->most_pieces;
+    const double small = a->shallow * fmax(fabs(F_OF(room)), fabs(F_OF(room + POINT)));
     int32_t points = 2, count = 1, bracketed = 0;
     piece[0] = 0, piece[1] = 1;
     for (int64_t halving = 0; count; halving++) {
@@ -177,7 +178,7 @@ static int search_step(const Crossings *a, int64_t node, double *room, int32_t *
         for (int32_t i = 0; i < count; i++) {
             const int32_t l = piece[2 * i], r = piece[2 * i + 1];
             const double *const left = room + l * POINT, *const right = room + r * POINT;
-            const int certain = halving && (halving == a->halvings || !piece_in_doubt(a, left, right));
+            const int certain = halving && (halving == a->deepest || !piece_in_doubt(a, left, right, halving < a->halvings ? 0 : small));
             if (!certain) piece[2 * doubtful] = l, piece[2 * doubtful++ + 1] = r;
             else if (changes(F_OF(left), F_OF(right))) roots[2 * bracketed] = l, roots[2 * bracketed++ + 1] = r;
         }
@@ -207,7 +208,7 @@ static int search_step(const Crossings *a, int64_t node, double *room, int32_t *
 
 int crossings(const Crossings *a) {
     const int64_t n = a->n, steps = a->nodes - 1, most = a->most_pieces;
-    const int64_t points = 2 + a->halvings * most, brackets = 2 * most * (a->halvings + 1);
+    const int64_t points = 2 + a->deepest * most, brackets = 2 * most * (a->deepest + 1);
     double *const values = malloc(((2 + BOUNDS) * (AT_ONCE + 1) + AT_ONCE + points * POINT) * sizeof(double));
     int32_t *const piece = malloc((size_t)(4 * most + 4 + 2 * brackets) * sizeof(int32_t));
     int status = values && piece ? SEARCHED : NOT_SOLVED;
@@ -233,8 +234,8 @@ int crossings(const Crossings *a) {
             if (jumps_at(a, k + 1)) {
                 take_node(a, k, room), take_end(a, k + 1, room + POINT), next = room + POINT + 1;
                 if (!look(a, room + POINT)) { status = NOT_SOLVED; break; }
-                doubt = piece_in_doubt(a, room, room + POINT);
-            } else doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin));
+                doubt = piece_in_doubt(a, room, room + POINT, 0);
+            } else doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin), 0);
             const int64_t known = a->found[0], ends = next[0] == 0 && here[0] != 0, needed = doubt || changes(here[0], next[0]);
             if (a->marking) {
                 if (!needed && !ends) a->steps[k] = QUIET;

@@ -14,8 +14,8 @@ typedef struct {
     int (*parts)(const PartsArguments *);
     const void *scene; /* of that loop */
     int64_t watches, stops, samples; /* expressions; whether the run ends where the first of them does */
-    int64_t halvings, most_pieces, iterations, secants, newton;
-    double located, pole;
+    int64_t halvings, deepest, most_pieces, iterations, secants, newton;
+    double located, pole, shallow;
     const double *places;   /* in [0, 1]: nodes that are looked at, so many samples */
     const Watched *watched;
 } Sought;
@@ -146,9 +146,9 @@ static void set_times(double *t, const Ended *run, double t0, double h) {
 }
 
 static Crossings crossings_of(const Sought *s, int (*rows)(const RowsArguments *), const double *c, int64_t n, int64_t most) {
-    return (Crossings){.parts = s->parts, .scene = s->scene, .rows = rows, .c = c, .n = n, .most = most, .halvings = s->halvings,
+    return (Crossings){.parts = s->parts, .scene = s->scene, .rows = rows, .c = c, .n = n, .most = most, .halvings = s->halvings, .deepest = s->deepest,
                        .most_pieces = s->most_pieces, .iterations = s->iterations, .secants = s->secants, .newton = s->newton,
-                       .located = s->located, .pole = s->pole};
+                       .located = s->located, .pole = s->pole, .shallow = s->shallow};
 }
 
 /* Velocities of the nodes of a run, where it has none. */

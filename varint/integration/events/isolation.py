@@ -26,6 +26,9 @@ from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 
 HALVINGS = 12  # of a step in doubt: dips shallower than its square allows are no zeros
+# of a step that holds a kink, as a distance to a small body on the way; what changes by less, of
+# the expression's size at its ends, is no such
+DEEPEST, SHALLOW = 20, 1e-5
 GROUP = 10  # steps that are looked at together first, from so many groups on
 MOST_PIECES = 100  # of one step in doubt at once: an expression that is zero up to round-off
 
@@ -63,11 +66,14 @@ def isolate(
     brackets: list[tuple[Points, Points]] = []
     at = (end.value == 0) & (start.value[:-1] != 0)
     zeros, signs = [end.at(at)], [np.sign(start.value[:-1][at])]
-    doubt = ~certain
-    for halving in range(HALVINGS):
+    doubt, sizes = ~certain, np.zeros(len(motion))
+    for halving in range(DEEPEST):
+        if halving == HALVINGS:
+            ends = np.fmax(np.abs(whole[0].value), np.abs(whole[1].value))
+            sizes[whole[0].node] = SHALLOW * ends
         some = slice(None) if halving else np.flatnonzero(doubt)
         doubt = np.zeros(len(left.t), dtype=bool)
-        doubt[some] = _in_doubt(search, motion, left.at(some), right.at(some))
+        doubt[some] = _in_doubt(search, motion, left.at(some), right.at(some), sizes)
         change = ~doubt & _changes(left, right)
         brackets.append((left.at(change), right.at(change)))
         left, right = left.at(doubt), right.at(doubt)
@@ -173,13 +179,15 @@ def _pieces(left: Points, right: Points) -> Pieces:
 
 
 def _in_doubt(
-    search: CrossingSearch, motion: Trajectory, left: Points, right: Points
+    search: CrossingSearch, motion: Trajectory, left: Points, right: Points, sizes: np.ndarray
 ) -> np.ndarray:
-    """Pieces that may have more zeros than the signs at their ends tell."""
+    """Pieces that may have more zeros than the signs at their ends tell, and change by more than
+    what is small in their step.
+    """
     moves = left.t != right.t
     if not moves.all():
         doubt = np.zeros(len(left.t), dtype=bool)
-        doubt[moves] = _in_doubt(search, motion, left.at(moves), right.at(moves))
+        doubt[moves] = _in_doubt(search, motion, left.at(moves), right.at(moves), sizes)
         return doubt
     if not len(left.t):
         return np.zeros(0, dtype=bool)
@@ -188,7 +196,9 @@ def _in_doubt(
         search.bounds, _pieces(left, right), _control_bounds(motion, left, right), motion.c
     )
     grows, falls = e.rate_low[:, 0] >= 0, e.rate_high[:, 0] <= 0
+    small = sizes[left.node]
     certain = grows | falls
+    certain |= (np.abs(e.rate_low[:, 0] * w) <= small) & (np.abs(e.rate_high[:, 0] * w) <= small)
     for side, bounds in ((1, e), (-1, e.negative())):
         same = (side * left.value > 0) & (side * right.value >= 0)
         ends = tuple(side * a[:, None] for a in (left.value, right.value, left.rate, right.rate))

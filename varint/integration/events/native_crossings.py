@@ -18,8 +18,10 @@ from varint.integration.events.both_sides import (
 )
 from varint.integration.events.crossings import Crossings, events_at, find_crossings, in_time
 from varint.integration.events.isolation import (
+    DEEPEST,
     HALVINGS,
     MOST_PIECES,
+    SHALLOW,
     CrossingSearch,
     is_wanted,
 )
@@ -30,7 +32,8 @@ from varint.results.dense_output import node_tolerance, step_controls
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 
-NUMBERS = Numbers(HALVINGS, MOST_PIECES, ROOT_ITERATIONS, SECANTS, GUESSES, LOCATED, POLE)
+_WAYS = HALVINGS, DEEPEST, MOST_PIECES, ROOT_ITERATIONS, SECANTS, GUESSES
+NUMBERS = Numbers(*_WAYS, LOCATED, POLE, SHALLOW)
 LoopIn = Callable[[ActiveSet], Kernel | None]
 
 
