@@ -133,3 +133,13 @@ def test_a_phase_portrait_shows_its_direction_and_none_where_nothing_moves(name)
         assert any(step.any() for step in steps)
     still = vi.simulate(motion.system, q0=motion.q[0], v0=motion.v[0], h=0.01, steps=1)[:1]
     assert not still.plot().axes[1].texts
+
+
+def test_names_of_many_curves_stand_beside_their_panel_and_those_of_few_within():
+    for name, beside in (("outer_solar_system", True), ("double_pendulum", False)):
+        figure = motion_of(name, duration=vi.models.catalogue[name]().h * 5).plot()
+        figure.draw_without_rendering()
+        top, phase, *_ = figure.axes
+        names, panel = top.get_legend().get_window_extent(), top.get_window_extent()
+        assert (names.x0 >= panel.x1) == beside and (names.x1 <= panel.x1) == (not beside)
+        assert names.x1 <= phase.get_window_extent().x0

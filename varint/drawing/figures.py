@@ -13,6 +13,7 @@ import numpy as np
 from varint.drawing.curves import curve_of, marks_of
 from varint.drawing.style import (
     COLOURS,
+    add_legend,
     handed_over,
     how_many,
     label,
@@ -80,7 +81,8 @@ def _overview(motion: Trajectory) -> Figure:
     top, phase, error, *others = grid.ravel()
     shown = shown_indices(structure.n)
     names = [label(motion.system.names[i]) for i in shown]
-    points, marks = thinned_indices(len(curve)), marks_of(motion, curve)
+    points = thinned_indices(len(curve))
+    marks = marks_of(motion, curve.t[points])
     draw_coordinates(top, curve, points, marks)
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
         q, p = curve.q[points, i], curve.p[points, i]
@@ -133,7 +135,7 @@ def draw_coordinates(
         how_many("Coordinates", motion.system.structure.n),
     )
     if len(names) > 1:
-        axes.legend(fontsize="small", loc="best")
+        add_legend(axes)
 
 
 def _mark_events(axes: Axes, motion: Trajectory, named: bool) -> None:
@@ -153,7 +155,7 @@ def _mark_events(axes: Axes, motion: Trajectory, named: bool) -> None:
             zorder=0,
         )
     if named and kinds:
-        axes.legend(fontsize="small", loc="best")
+        add_legend(axes)
 
 
 def _draw_multipliers(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
@@ -169,7 +171,7 @@ def _draw_multipliers(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         )
     name_axes(axes, "time $t$", r"$\lambda$", how_many("Multipliers", count))
     if count > 1:
-        axes.legend(fontsize="small", loc="best")
+        add_legend(axes)
 
 
 def _conserved_momenta(motion: Trajectory) -> list[int]:
@@ -194,7 +196,7 @@ def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         )
     name_axes(axes, "time $t$", "$p - p_0$", how_many("Momenta of cyclic coordinates", len(every)))
     axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
-    axes.legend(fontsize="small", loc="best")
+    add_legend(axes)
 
 
 def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
@@ -234,7 +236,7 @@ def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         how_many("Controls", len(names)),
     )
     if len(names) > 1:
-        axes.legend(fontsize="small", loc="best")
+        add_legend(axes)
 
 
 def _draw_energy(axes: Axes, motion: Trajectory, curve: Trajectory) -> None:
@@ -270,7 +272,8 @@ def _expressions(motion: Trajectory, expressions: tuple) -> Figure:
         count, 1, figsize=(7, 1.2 + 2.2 * count), sharex=True, squeeze=False, layout="constrained"
     )
     curve = curve_of(motion)
-    keep, marks = thinned_indices(len(curve)), marks_of(motion, curve)
+    keep = thinned_indices(len(curve))
+    marks = marks_of(motion, curve.t[keep])
     for axes, (name, expression) in zip(rows[:, 0], shown, strict=True):
         values = curve.value(expression).reshape(len(curve), -1)
         for colour, column in zip(cycle(COLOURS), values[keep].T, strict=False):

@@ -65,7 +65,8 @@ def trajectory_html(motion: Trajectory) -> str:
     if hasattr(motion.solution, "total_cost"):
         rows += solution_rows(motion.solution)
     curve = curve_of(motion)
-    points, marks = thinned_indices(len(curve), 2 * FEW), marks_of(motion, curve)
+    points = thinned_indices(len(curve), 2 * FEW)
+    marks = marks_of(motion, curve.t[points])
     panels: list[Draw] = [lambda axes: draw_coordinates(axes, curve, points, marks)]
     if motion.system.structure.controls:
         panels.append(lambda axes: draw_controls(axes, motion, keep))

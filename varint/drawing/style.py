@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # Okabe & Ito's colours, told apart by colour-blind readers and in grey print
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and the last ones
+MOST_NAMED_WITHIN = 4  # names of lines that a panel has room for; more stand beside it
 LONGEST_NAME = 40  # characters of an expression beside its axis
 MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
 
@@ -105,3 +106,12 @@ def thinned_indices(count: int, most: int = MOST_POINTS) -> np.ndarray:
 def name_axes(axes: Axes, x: str, y: str, title: str) -> None:
     axes.set(xlabel=x, ylabel=y, title=title)
     axes.grid(alpha=0.3)
+
+
+def add_legend(axes: Axes) -> None:
+    """Names of a panel's lines: within where there is most room, or beside it where they are
+    many.
+    """
+    many = len(axes.get_legend_handles_labels()[1]) > MOST_NAMED_WITHIN
+    where = dict(loc="upper left", bbox_to_anchor=(1.0, 1.0)) if many else dict(loc="best")
+    axes.legend(fontsize="small", **where)
