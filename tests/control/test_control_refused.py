@@ -11,6 +11,8 @@ from control_scenes import U, move, particle, rod, rod_swing
 
 import varint as vi
 
+X = particle().q
+
 
 def _free_fall():
     q, v = vi.coordinates("y")
@@ -89,6 +91,15 @@ def test_ends_off_the_constraint_are_refused():
         (dict(guess=dict(duration=-1)), "positive number"),
         (dict(guess=dict(duration="long")), "positive number"),
         (dict(cost=np.nan), "cost is not finite"),
+        (dict(cost=U**2 + np.nan), r"^cost is not finite: SX\(.*u.*\) holds nan; math.cos"),
+        (dict(terminal_cost=np.inf * X), "^terminal_cost is not finite: .* holds inf"),
+        (dict(bounds=[(0, X - np.inf, 1)]), "^an expression in bounds is not finite: .* holds inf"),
+        (dict(bounds=[vi.soft(X + np.nan, 0, 1, 1)]), "^an expression in soft is not finite"),
+        (dict(integral=[(0, U * np.nan, 1)]), "^an integrand in integral is not finite"),
+        (
+            dict(end=dict(bounds=[(0, ca.vertcat(X, X + np.nan), 1)])),
+            "^an expression in the bounds of end is not finite",
+        ),
         (dict(mesh="abc", steps=0), "an array of numbers"),
         (dict(options=[1]), "dictionary"),
         (dict(t0=np.nan), "t0"),

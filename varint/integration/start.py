@@ -25,6 +25,7 @@ from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.numerics.arrays import call, finite
+from varint.numerics.operations import constants_of
 from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -158,10 +159,7 @@ def _say_what_is_taken(system: System, *starts: tuple[str, Any, np.ndarray]) -> 
 def _refuse_lost_symbols(system: System) -> None:
     """Python's own functions make NaN of a symbol, without a word."""
     for what, x in (("Lagrangian", system.lagrangian), ("force", system.force)):
-        f = ca.Function("constants", [], [x], {"allow_free": True})
-        kinds = (f.instruction_id(i) == ca.OP_CONST for i in range(f.n_instructions()))
-        numbers = [f.instruction_constant(i) for i, kind in enumerate(kinds) if kind]
-        if np.isnan(numbers).any():
+        if np.isnan(constants_of(x)).any():
             raise InputError(
                 f"the {what} holds what is no number: math.cos(q), float(q) and the like lose the "
                 "symbol; take ca.cos(q). A constant such as 0 / 0 is none either"

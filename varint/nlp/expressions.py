@@ -8,7 +8,10 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.numerics.arrays import finite
+from varint.numerics.operations import constants_of
 from varint.scene.epigraph import refuse_largest
+from varint.scene.inputs import shown
 
 
 def column(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
@@ -26,6 +29,13 @@ def column(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
         raise InputError(
             f"{what} depends on {unknown}; it may depend on {words} of its own system only"
         )
+    numbers = constants_of(expression)
+    if not finite(numbers):
+        raise InputError(
+            f"{what} is not finite: {shown(expression)} holds {numbers[~np.isfinite(numbers)][0]}; "
+            "math.cos(q), float(q) and the like lose the symbol: take ca.cos(q), and leave out "
+            "what is infinite"
+        )
     return expression
 
 
@@ -34,8 +44,6 @@ def scalar(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
     found = column(what, expression, allowed, words)
     if found.numel() != 1:
         raise InputError(f"{what} has {found.numel()} components; it must be one number")
-    if found.is_constant() and not np.isfinite(float(found)):
-        raise InputError(f"{what} is not finite: {expression!r}")
     return found
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from varint.errors import InputError, VarintError
 
@@ -101,6 +102,13 @@ def _of_each(f: ca.Function, name: str) -> Callable[[int], Any]:
     """A method of the function without the one around it in Python, which takes as long."""
     inner = getattr(getattr(ca, "_casadi", None), f"Function_{name}", None)
     return getattr(f, name) if inner is None else partial(inner, f)
+
+
+def constants_of(x: ca.SX) -> np.ndarray:
+    """The numbers that an expression holds."""
+    f = ca.Function("constants", [], [x], {"allow_free": True})
+    codes = enumerate(map(_of_each(f, "instruction_id"), range(f.n_instructions())))
+    return np.array([f.instruction_constant(k) for k, code in codes if code == CONST])
 
 
 def operations_of(f: ca.Function) -> Operations:
