@@ -26,6 +26,18 @@ def refused(match: str, act) -> None:
         act()
 
 
+def test_the_model_itself_stands_for_the_ground_wherever_a_body_may_be_given():
+    world, arm = hinge()
+    at = (0.0, 0.0, 1.0)
+    marker, rod = world.marker(world, at=at), world.loop("distance", (world, at), arm, length=1.0)
+    spring = world.spring((arm, at), (world, at), 1.0)
+    for anchor in (marker, rod.a, spring.b):
+        assert anchor.body == "world"
+    for place in (world.frame(marker).position, world.frame((world, at)).position):
+        assert np.array_equal(ca.DM(place).full().ravel(), at)
+    refused("ground cannot be the child", lambda: world.revolute(arm, world))
+
+
 def test_what_cannot_be_a_machine_is_refused_with_the_remedy():
     world, arm = hinge()
     refused("leads to body 'arm' already", lambda: world.free(world, arm))

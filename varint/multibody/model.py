@@ -11,7 +11,6 @@ import numpy as np
 from varint.multibody.assembly import assemble
 from varint.multibody.data import (
     NOTHING,
-    WORLD,
     Actuator,
     Anchor,
     Body,
@@ -25,7 +24,7 @@ from varint.multibody.data import (
 from varint.multibody.frames import Frame, frame_of
 from varint.multibody.functions import Dynamics
 from varint.multibody.joints import direction_across, joint_of
-from varint.multibody.names import anchor_of, body_name, joint_name, new_name, refuse_taken
+from varint.multibody.names import anchor_of, body_name, ground, joint_name, new_name, refuse_taken
 from varint.multibody.parts import (
     body_of,
     bounds_of,
@@ -381,7 +380,7 @@ class Model:
         return bounds_of(self.machine)
 
     def marker(self, body: Any, at: Any = (0.0, 0.0, 0.0), name: str | None = None) -> Anchor:
-        """A frame fixed to a body, for `frame`, loops and drawings."""
+        """A frame fixed to a body, or to the model's own ground, for `frame`, loops, drawings."""
         name = new_name("marker", name, self.markers | self.bodies)
         self.markers[name] = self._anchor((body, at))
         return self.markers[name]
@@ -423,13 +422,14 @@ class Model:
         return self._system
 
     def _anchor(self, given: Any) -> Anchor:
-        return anchor_of(self.machine, WORLD if given is self else given)
+        return anchor_of(self.machine, ground(self, given))
 
     def _joint(
         self, kind: str, name: Any, parent, child, axes: tuple, ats: Pair, passive, limits=None
     ) -> Joint:
+        parent, child = ground(self, (parent, child))
         name = joint_name(self.machine, child, name)
-        outer = body_name(self.machine, WORLD if parent is self else parent)
+        outer = body_name(self.machine, parent)
         inner = body_name(self.machine, child)
         joint = joint_of(kind, name, outer, inner, axes, *ats, passive, limits)
         refuse_taken(self.machine, joint.coordinates)

@@ -18,6 +18,13 @@ def body_name(machine: Machine, given: Any) -> str:
     return name
 
 
+def ground(model: Any, given: Any) -> Any:
+    """What is given, with the ground's name for the model itself, in (body, place), too."""
+    if type(given) is tuple:  # an anchor stays one
+        return tuple(ground(model, part) for part in given)
+    return WORLD if given is model else given
+
+
 def anchor_of(machine: Machine, given: Any) -> Anchor:
     """A frame: an anchor itself, the name of a marker or body, a body, or (body, place)."""
     if isinstance(given, Anchor):
