@@ -116,6 +116,20 @@ def test_ends_and_events_of_unknown_symbols_are_told_in_the_names_of_the_user():
         vi.simulate(system, **START, duration=1.0, u=0.7, events=[foreign])
 
 
+@pytest.mark.parametrize("asked", [{"duration": 1.0}, {"h": 0.1, "steps": 10}])
+@pytest.mark.parametrize("verb", [vi.simulate, vi.ensemble])
+def test_feedbacks_and_functions_of_time_are_led_into_the_scene(verb, asked):
+    system = cart()
+    feedback, drive = -system.q[1], ca.sin(vi.time())
+    for u in (feedback, drive, [feedback], ca.vertcat(feedback, drive), lambda t: 1.0, np.cos):
+        with pytest.raises(vi.InputError, match=r"u must be numbers.* belongs .*force="):
+            verb(system, **START, **asked, u=u)
+    with pytest.raises(vi.InputError, match="u is not finite everywhere"):
+        verb(system, **START, **asked, u=np.inf)
+    with pytest.raises(vi.InputError, match=r"u must be numbers.*, got str$"):
+        verb(system, **START, **asked, u="push")
+
+
 def test_what_is_no_such_control_is_told_of_as_before():
     system, asked = cart(), START | {"duration": 1.0}
     with pytest.raises(vi.InputError, match="u must be numbers"):

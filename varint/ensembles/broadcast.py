@@ -8,6 +8,7 @@ import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
 from varint.rules.rule import Rule
+from varint.scene.inputs import control_values
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, given_parameters
 
@@ -54,9 +55,7 @@ def broadcast_controls(system: System, rule: Rule, u: Any, steps: int) -> np.nda
     table.
     """
     k, r = system.structure.controls, len(rule.nodes)
-    value = parsed_or_refused(
-        lambda: np.array(u, dtype=float), lambda: f"u must be numbers, got {type(u).__name__}"
-    )
+    value = control_values(u)
     tables = [(steps, k), (steps, r, k)]
     shared, each = (
         value.shape in [*tables, (k,), ()] or value.ndim < 2,
@@ -67,8 +66,6 @@ def broadcast_controls(system: System, rule: Rule, u: Any, steps: int) -> np.nda
             f"u with shape {value.shape} may be one table ({steps}, {r}, {k}) for all or ({steps}, "
             f"{k}) for each of {len(value)} members; give it as (members, {steps}, {r}, {k})"
         )
-    if each and not np.isfinite(value).all():
-        raise InputError("u is not finite everywhere")
     return value if each else value[None]
 
 
@@ -77,9 +74,7 @@ def broadcast_tables(system: System, u: Any) -> np.ndarray:
     leading axis only before a whole table, which has one row where they are the same all the time.
     """
     k = system.structure.controls
-    value = parsed_or_refused(
-        lambda: np.array(u, dtype=float), lambda: f"u must be numbers, got {type(u).__name__}"
-    )
+    value = control_values(u)
     if value.shape in ((), (k,)):
         value = value.reshape(1, -1)
     elif value.ndim == 1 and k == 1:
@@ -89,8 +84,6 @@ def broadcast_tables(system: System, u: Any) -> np.ndarray:
             f"u has shape {np.shape(u)}; where steps are chosen it must be ({k},), (rows, {k}) or "
             f"(members, rows, {k})"
         )
-    if not np.isfinite(value).all():
-        raise InputError("u is not finite everywhere")
     return value[None] if value.ndim < 3 else value
 
 

@@ -11,7 +11,7 @@ from varint.errors import InputError
 from varint.integration.start import check_rows, put_on_manifold, start_momentum_of
 from varint.numerics.limits import FIXED_POINT_ITERATIONS, MOST_STEPS, check_memory
 from varint.rules.rule import Rule
-from varint.scene.inputs import number, positive_integer, shown, vector
+from varint.scene.inputs import control_values, number, positive_integer, shown, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.rays import start_on_rays
 from varint.scene.restitution import restitution_at
@@ -161,10 +161,7 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     wanted = f"({steps}, {k}), ({steps}, {r}, {k}) or ({k},)"
     if u is None:
         raise InputError(f"the system has the controls {names}; give u with shape {wanted}")
-    try:
-        value = np.array(u, dtype=float)
-    except (TypeError, ValueError, RuntimeError):
-        raise InputError(f"u must be numbers of shape {wanted}, got {type(u).__name__}") from None
+    value = control_values(u, f" of shape {wanted}")
     if value.ndim == 0 and k == 1:
         value = value.reshape(1)
     if value.ndim == 1 and k == 1 and value.shape == (steps,) and steps > 1:
@@ -182,8 +179,6 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     if value.shape not in allowed:
         hint = "" if rule.points else f"; {rule} takes one value a step"
         raise InputError(f"u has shape {value.shape}; it must have {wanted}{hint}")
-    if not np.isfinite(value).all():
-        raise InputError("u is not finite everywhere")
     return np.ascontiguousarray(value)
 
 

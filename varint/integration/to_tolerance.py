@@ -8,9 +8,7 @@ from functools import partial
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-from varint.errors import InputError, parsed_or_refused
+from varint.errors import InputError
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.damped_end import damped_until
@@ -43,7 +41,7 @@ from varint.integration.two_runs import shows_its_error
 from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.inputs import positive_integer
+from varint.scene.inputs import control_values, positive_integer
 from varint.scene.system import System
 
 
@@ -202,9 +200,6 @@ def _rows(system: System, start: Start) -> int:
     """Steps for which a table of controls has values; 1 where they are the same all the time."""
     if start.u is None or not system.structure.controls:
         return 1
-    table = parsed_or_refused(
-        lambda: np.array(start.u, dtype=float),
-        lambda: f"u must be numbers, got {type(start.u).__name__}",
-    )
+    table = control_values(start.u)
     one = table.ndim == 0 or table.shape == (system.structure.controls,)
     return 1 if one else len(table)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
@@ -43,6 +44,33 @@ def _array_of_numbers(value: Any) -> np.ndarray:
     if array.dtype.kind in "SUc":
         raise TypeError
     return array.astype(float)
+
+
+def control_values(u: Any, shapes: str = "") -> np.ndarray:
+    """Controls as an own array of finite numbers, with a word on where others belong; `shapes`:
+    those that a message names.
+    """
+    try:
+        values = np.array(u, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        values = None
+    if values is not None and np.isfinite(values).all():
+        return values
+    if _depends(u):
+        raise InputError(
+            f"u must be numbers{shapes}, got {shown(u)}: a feedback or a function of time belongs "
+            "into the scene, System(..., force=), as an expression of q, v and time()"
+        )
+    if values is None:
+        raise InputError(f"u must be numbers{shapes}, got {type(u).__name__}")
+    raise InputError("u is not finite everywhere")
+
+
+def _depends(u: Any) -> bool:
+    """Whether it, or a part of it, is a function or an expression of symbols."""
+    if isinstance(u, (list, tuple, np.ndarray)):
+        return any(map(_depends, u))
+    return callable(u) or (isinstance(u, (ca.SX, ca.MX)) and not u.is_constant())
 
 
 def number(what: str, x: Any) -> float:
