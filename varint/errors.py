@@ -50,6 +50,8 @@ class ConvergenceError(VarintError, RuntimeError):
         Everything up to node k.
     cause : str
         The likely cause in words, and what to try.
+    refused : bool
+        Whether the step was refused, as shorter ones at that time would be.
     """
 
     def __init__(
@@ -61,13 +63,14 @@ class ConvergenceError(VarintError, RuntimeError):
         residual: float,
         trajectory: Any = None,
         cause: str | Callable[[], str] = "",
+        refused: bool = False,
     ):
         """A message and a cause, or what makes them when somebody reads them: to find the cause
         takes longer than many a run, and a search for the right steps has many that fail.
         """
         super().__init__(message if isinstance(message, str) else "")
         self.step, self.time, self.residual, self.trajectory = step, time, residual, trajectory
-        self._told = message, cause
+        self._told, self.refused = (message, cause), refused
 
     @property
     def cause(self) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import casadi as ca
 import pytest
 from contact_scenes import ball
@@ -72,3 +74,22 @@ def test_a_blow_that_constraints_leave_little_of_is_given(backend):
     slid = motion.events[0].v_after
     assert abs(slid[2]) < 1e-12
     assert slid[0] == pytest.approx(-0.5, abs=1e-4) and slid[1] == pytest.approx(0.5, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "asked", [{"duration": -0.5}, {"duration": -50.0}, {"at": [-0.1, -0.5]}, {"h": -0.01}]
+)
+@pytest.mark.parametrize("drag", [0.0, 0.1])
+def test_what_an_impact_took_away_is_not_looked_for_however_steps_are_chosen(asked, drag):
+    """2¹⁸ steps were tried, and an impact that is described was asked for."""
+    q, v = vi.coordinates("y")
+    thrown = vi.System(
+        q, v, v**2 / 2 - 9.81 * q, contact=q, restitution=0.5, force=-drag * v if drag else None
+    )
+    grid = asked | ({"steps": 60} if "h" in asked else {})
+    words = r"contact 0 is hit at t = -0\.4.* only restitution 1 can be undone"
+    with pytest.raises(vi.ConvergenceError, match=words) as caught:
+        vi.simulate(thrown, q0=1.0, v0=0.0, **grid)
+    assert caught.value.refused and len(caught.value.trajectory) < 10_000
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert copy.refused and str(copy) == str(caught.value)

@@ -98,11 +98,12 @@ def leap_over(motion: Trajectory, last: Failure) -> ConvergenceError | None:
 
 def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:
     """The error of a step that cannot be done, whatever its size, which begins at that time."""
-    return _without_residual(motion, step, time, f"cannot be done: {why}", why)
+    what = f"cannot be done: {why}"
+    return _without_residual(motion, step, time, what, why, refused=True)
 
 
 def _without_residual(
-    motion: Trajectory, step: int, time: float, what: str, cause: str
+    motion: Trajectory, step: int, time: float, what: str, cause: str, *, refused: bool = False
 ) -> ConvergenceError:
     """The error of a step that is not to be taken, however well it can be solved."""
     return ConvergenceError(
@@ -113,6 +114,7 @@ def _without_residual(
         residual=float("nan"),
         trajectory=motion,
         cause=cause,
+        refused=refused,
     )
 
 

@@ -42,7 +42,8 @@ def require_way_on(
     Raises
     ------
     ConvergenceError
-        With the nodes of the last run, or where a force jumps of the one that came farthest.
+        With the nodes of the last run, or where a force jumps of the one that came farthest; that
+        of the last run itself where its step was refused.
     """
     few, end = failures[-1]
     if varying and _endless(failures, SOON * abs(total)):
@@ -50,6 +51,8 @@ def require_way_on(
     plain, enough = not (varying or jumps), VARYING if varying else EQUAL
     if not (at_one_time(failures, total, varying=varying) or (jumps and len(failures) >= enough)):
         return
+    if end.refused:  # it is known why
+        raise end
     if plain and math.isinf(rate_at_rest(end.trajectory)):
         raise no_way_on(failures, jumps)
     if not varying and few < (FEWEST_JUMPS if jumps else FEWEST):
