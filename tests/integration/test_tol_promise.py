@@ -155,6 +155,22 @@ def test_far_light_bodies_are_no_angles_and_a_light_pendulum_beside_a_heavy_one_
     assert angles(vi.System(q, v, both)) == (True, True)
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e6, 1e12])
+def test_lengths_are_no_angles_in_any_unit(unit):
+    """The square of 1e12 hides what a turn by 2π changes of a distance from a wall."""
+    q, v = vi.coordinates("x", "y")
+    walls = ca.vertcat(unit - q, unit + q)
+    gaps = ca.vertcat(walls[:3], ca.sumsqr(q) - (0.4 * unit) ** 2, walls[3])
+    system = vi.System(q, v, ca.sumsqr(v) / 2, contact=gaps, restitution=1.0)
+    assert angles(system) == (False, False)
+    start = dict(q0=[0.7 * unit, 0.1 * unit], v0=[0.6 * unit, 0.8 * unit])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = vi.simulate(system, duration=15.0, **start)
+    assert motion.stats["error_estimate"] <= 1e-9 and len(motion.events) == 14
+    assert motion.stats["steps"] <= 256 and error_scales(system, motion).min() > unit
+
+
 def test_a_scale_that_is_none_is_refused():
     q, v = vi.coordinates("x", "y")
     system = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2)

@@ -173,9 +173,9 @@ def bodies(names: tuple[str, ...]) -> list[list[int]]:
 
 @per_system
 def angles(system: System) -> tuple[bool, ...]:
-    """Which coordinates are angles: L, forces and constraints change with them, not by 2π."""
+    """Which coordinates are angles: L, forces, constraints and gaps change with them, not by 2π."""
     s = system
-    parts = ca.vertcat(s.lagrangian, s.force, s.constraint, s.contact, ca.vec(s.nonholonomic))
+    parts = ca.vertcat(s.lagrangian, s.force, s.constraint, ca.vec(s.nonholonomic), s.contact)
     f = ca.Function("parts", [s.q, s.v, s.control, s.t, s.c], [ca.densify(parts)])
     random, n = Random(6), s.structure.n
     left = np.flatnonzero(ca.which_depends(parts, s.q, 1, False))
@@ -186,17 +186,23 @@ def angles(system: System) -> tuple[bool, ...]:
         same = (np.broadcast_to(x, (len(some), x.size)) for x in (v, u, np.array([0.3])))
         values = over_columns(f, some, *same, s.default_vector)[0]
         before, turned, shifted = np.split(values, [1, 1 + len(left)])
-        left = left[[_same(before[0], x, y) for x, y in zip(turned, shifted, strict=True)]]
+        both = zip(turned, shifted, strict=True)
+        left = left[[_same(before[0], x, y, s.structure.contacts) for x, y in both]]
     return tuple(i in left for i in range(n))
 
 
-def _same(before: np.ndarray, turned: np.ndarray, shifted: np.ndarray) -> bool:
+def _same(before: np.ndarray, turned: np.ndarray, shifted: np.ndarray, gaps: int) -> bool:
     """Whether finite values are the same after a turn, there are some, and they are no more so than
-    after any other shift: far and light bodies hardly change what there is besides.
+    after any other shift: far and light bodies hardly change what there is besides. Gaps, the last
+    ones, each by itself: one may be a distance and the next one its square.
     """
     finite = np.isfinite(before) & np.isfinite(turned) & np.isfinite(shifted)
-    if not finite.any():
-        return False
-    size = np.abs(before[finite]).max()
-    change, other = (np.abs(x - before)[finite].max() for x in (turned, shifted))
-    return bool(change <= min(SAME * size, max(OTHER * other, ROUNDED * size)))
+    count = len(before)
+    for part in np.split(np.arange(count), range(count - gaps, count)):
+        some = part[finite[part]]
+        if len(some):
+            size = np.abs(before[some]).max()
+            change, other = (np.abs(x - before)[some].max() for x in (turned, shifted))
+            if not change <= min(SAME * size, max(OTHER * other, ROUNDED * size)):
+                return False
+    return bool(finite.any())
