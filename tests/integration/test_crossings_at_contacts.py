@@ -223,3 +223,43 @@ def test_a_ball_that_comes_to_rest_is_watched_for_an_end_all_the_time(duration):
     never = vi.simulate(thrown, **start, until=q[0] + 1)
     assert never.t[-1] == pytest.approx(duration) and never.q[-1, 1] == pytest.approx(0, abs=1e-9)
     assert vi.simulate(thrown, **start, until=q[0] - 2.2).t[-1] == pytest.approx(2.2, abs=1e-9)
+
+
+RUNS = [
+    {"duration": 10.0},
+    {"duration": 1.0},
+    {"h": 0.01, "steps": 100},
+    {"h": 0.037, "steps": 30, "backend": "interpreted"},
+]
+
+
+@pytest.mark.parametrize("run", RUNS)
+@pytest.mark.parametrize("floor", [0.0, 1000.0])
+@pytest.mark.parametrize("bounce", [0.0, 0.3, 0.7, 1.0])
+def test_a_run_until_a_gap_closes_ends_at_the_first_impact(run, floor, bounce):
+    """What the gap is there, 1e-15 or less than nothing, is round-off: runs went on to the second
+    impact or the third, and did not come together.
+    """
+    q, v = vi.coordinates("x", "y")
+    lagrangian, gap = ca.sumsqr(v) / 2 - G * q[1], q[1] - floor
+    ball = vi.System(q, v, lagrangian, contact=gap, restitution=bounce)
+    for watched in (gap, (gap, -1), -3 * gap, (-3 * gap, 1)):
+        motion = vi.simulate(ball, q0=[0, floor + 1], v0=[1, 0], until=watched, **run)
+        hit = motion.events[-1]
+        assert len(motion.events) == 1 and motion.t[-1] == hit.time
+        assert hit.time == pytest.approx(np.sqrt(2 / G), abs=1e-12)
+        assert motion.q[-1] == pytest.approx([hit.time, floor], abs=1e-9)
+        assert np.allclose(motion.v[-1], hit.v_after)
+
+
+@pytest.mark.parametrize("backend", ["native", "interpreted"])
+@pytest.mark.parametrize("drag", [0.0, 0.1])
+def test_every_impact_is_one_zero_of_its_gap(backend, drag):
+    q, v = vi.coordinates("y")
+    force = -drag * v if drag else None
+    ball = vi.System(q, v, v**2 / 2 - G * q, contact=q, restitution=0.8, force=force)
+    run = dict(q0=1.0, v0=0.0, h=0.01, steps=250, backend=backend)
+    events = vi.simulate(ball, **run, events={"closes": (q, -1)}).events
+    times = {kind: [e.time for e in events if e.kind == kind] for kind in ("impact", "closes")}
+    assert len(times["impact"]) > 3
+    assert times["closes"] == pytest.approx(times["impact"], abs=1e-12)

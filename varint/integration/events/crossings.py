@@ -26,6 +26,7 @@ from varint.integration.events.isolation import (
 )
 from varint.integration.events.roots import Points, join_points
 from varint.integration.events.substeps import Substeps, interpreted_substeps
+from varint.integration.events.touches import beside, touches
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
 from varint.results.records import IMPACTS, Event
@@ -178,8 +179,8 @@ def find_crossings(
 ) -> Crossings:
     """The zeros of a watched expression along a motion with impacts at some of its nodes.
 
-    A zero at the first node does not count; a zero at a later node does, and so does a change of
-    sign by an impact, at its time. A pole is no zero.
+    A zero at the first node does not count; a zero at a later node does, also where an impact turns
+    the motion back, and so does a change of sign by an impact, at its time. A pole is no zero.
     """
     start, end, certain = _ends(search, motion, impacts)
     zeros = isolate(search, motion, start, end, certain, substeps)
@@ -190,16 +191,20 @@ def in_time(
     search: CrossingSearch, motion: Trajectory, zeros: Points, come: Points, leave: Points
 ) -> Crossings:
     """Zeros and, where the expression changes its sign between the states in which the motion comes
-    to some nodes and leaves them, jumps.
+    to some nodes and leaves them, or touches zero there, jumps.
     """
     if not len(come.t):  # nothing jumps: in a quarter of the time
         late = zeros.t * np.sign(motion.h)
         if not (late[1:] >= late[:-1]).all():
             zeros = zeros.at(np.argsort(late, kind="stable"))
         return Crossings(zeros, zeros, np.zeros(len(late), dtype=bool))
+    touched = touches(motion, come, leave)
+    if touched.any():
+        zeros = beside(motion, zeros, come.at(touched))
     before = after = zeros
-    jumps = _jumps(come.value, leave.value)
-    jumps = jumps[is_wanted(search, np.sign(come.value[jumps]))]
+    side = np.sign(np.where(touched, -come.rate, come.value))
+    jumps = np.flatnonzero(touched | _jumps(come.value, leave.value))
+    jumps = jumps[is_wanted(search, side[jumps])]
     if len(jumps):
         before = join_points(before, come.at(jumps))
         after = join_points(after, leave.at(jumps))
@@ -268,7 +273,8 @@ def _smooth_ends(search: CrossingSearch, motion: Trajectory) -> tuple[Points, Po
 def _jumps(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Where an impact changes the sign, or ends at zero."""
     jumps = (before * after < 0) | ((before != 0) & (np.abs(after) <= ROUND_OFF * np.abs(before)))
-    return np.flatnonzero(jumps & (before != after))
+    found: np.ndarray = jumps & (before != after)
+    return found
 
 
 def events_at(search: CrossingSearch, motion: Trajectory, found: Crossings) -> list[Event]:
