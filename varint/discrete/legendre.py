@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from varint.numerics.limits import LEGENDRE_ITERATIONS
+from varint.numerics.operations import constants_of
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
@@ -70,7 +71,7 @@ def _first_velocity(system: System) -> ca.Function:
     best = ca.SX.zeros(s.v.shape)
     at_rest = ca.substitute(s.mass_matrix, s.v, best)
     massless = any(x.is_zero() for x in ca.vertsplit(ca.diag(at_rest)))
-    if massless or not _is_finite(ca.Function("at_rest", [s.q, s.t, s.c], [at_rest])):
+    if massless or not np.isfinite(constants_of(at_rest)).all():
         missing = ca.Function("missing", [s.v, s.q, p, s.t, s.c], [ca.sumsqr(s.momentum - p)])
         size: ca.SX = ca.inf
         for multiple in MULTIPLES:
@@ -80,12 +81,6 @@ def _first_velocity(system: System) -> ca.Function:
                 ca.if_else(off < size, off, size),
             )
     return ca.Function("first_velocity", [s.q, p, s.t, s.c], [ca.densify(best)])
-
-
-def _is_finite(f: ca.Function) -> bool:
-    """Whether no number in a function is infinite or none."""
-    numbers = (k for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
-    return all(np.isfinite(f.instruction_constant(k)) for k in numbers)
 
 
 def _first_order_velocity(system: System) -> ca.Function:
