@@ -108,6 +108,10 @@ def test_rays_are_refused_where_the_length_matters():
         vi.System(q, v, ca.sumsqr(v) / 2, rays=[(0, 1)])
     with pytest.raises(vi.InputError, match="groups of different coordinates"):
         vi.System(q, v, ca.sumsqr(v) / ca.sumsqr(q), rays=[(0, 2)])
+    turning = ((q[0] * v[1] - q[1] * v[0]) / ca.sumsqr(q)) ** 2 / 2
+    with pytest.raises(vi.InputError, match="no inertia"):
+        vi.System(q, v, turning, rays=[(0, 1)])
+    vi.System(q, v, turning + (ca.dot(q, v) / ca.sumsqr(q)) ** 2 / 2, rays=[(0, 1)])
     scene = vi.System(q, v, ca.sumsqr(v) / ca.sumsqr(q) / 2, rays=[(0, 1)])
     with pytest.raises(vi.InputError, match="all zero"):
         vi.simulate(scene, q0=[0, 0], v0=[0, 1], h=0.1, steps=1)

@@ -27,7 +27,8 @@ def checked_rays(given: Sequence[Sequence[int]], system: Any) -> Rays:
     Raises
     ------
     InputError
-        If they are no groups of coordinates, or L changes with the length of one.
+        If they are no groups of coordinates, or L changes with the length of one, or gives it no
+        inertia.
     """
     rays = tuple(tuple(int(i) for i in group) for group in given)
     every, n = [i for group in rays for i in group], system.q.numel()
@@ -38,6 +39,7 @@ def checked_rays(given: Sequence[Sequence[int]], system: Any) -> Rays:
         random = np.random.default_rng(SEED)
         q, v, t = random.normal(size=n), random.normal(size=n), random.normal()
         before = float(lagrangian(q, v, t, system.default_vector))
+        mass = None if system.kinetics else _inertia(system)(q, v, t, system.default_vector).full()
         for group in rays:
             scaled = [np.where(np.isin(np.arange(n), group), LENGTH * x, x) for x in (q, v)]
             after = float(lagrangian(*scaled, t, system.default_vector))
@@ -46,7 +48,22 @@ def checked_rays(given: Sequence[Sequence[int]], system: Any) -> Rays:
                     f"L changes with the length of the coordinates {list(group)}: write it in "
                     "q/|q|, or hold the length by a constraint and leave rays out"
                 )
+            along = np.where(np.isin(np.arange(n), group), q, 0.0)
+            if mass is not None and not abs(along @ mass @ along) > AGREES * np.abs(mass).max() * (
+                along @ along
+            ):
+                raise InputError(
+                    f"L gives the length of the coordinates {list(group)} no inertia, so that "
+                    "their velocities do not follow from momenta: add (q·v)²/(q·q)²/2, which is "
+                    "zero where the length stays and changes nothing else"
+                )
     return rays
+
+
+def _inertia(system: Any) -> ca.Function:
+    """(q, v, t, c) → ∂²L/∂v²."""
+    symbols = [system.q, system.v, system.t, system.c]
+    return ca.Function("M", symbols, [ca.hessian(system.lagrangian, system.v)[0]])
 
 
 def with_unit_rays(rays: Rays, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

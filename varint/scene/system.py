@@ -173,8 +173,9 @@ class System:
         `varint.multibody` gives them.
     rays : sequence of sequences of int, optional
         Groups of coordinates of which only the ratio matters, as unit quaternions: L is unchanged
-        by q → λ q, v → λ v in each. No constraint holds their length; motions have unit vectors at
-        their nodes. `varint.multibody` gives them.
+        by q → λ q, v → λ v in each, and gives the length inertia, as (q·v)²/(q·q)²/2 does, which is
+        zero along the motion. No constraint holds their length; motions have unit vectors at their
+        nodes. `varint.multibody` gives them.
 
     Raises
     ------
