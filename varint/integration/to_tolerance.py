@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any
 
-from varint.errors import InputError
+from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.damped_end import damped_until
@@ -82,7 +81,15 @@ def simulate_to_tolerance(
     with notice(f"looking for the steps of tol={tol:g}", options.progress):
 
         def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
-            varying = partial(choose_varying_steps, system, rule, problem, start, options, tol)
+            ended = list[ConvergenceError]()
+
+            def varying(astray: Trajectory | int | None = None) -> Choice | None:
+                found = choose_varying_steps(system, rule, problem, start, options, tol, astray)
+                if isinstance(found, ConvergenceError):
+                    ended.append(found)
+                    return None
+                return found
+
             choice = None if tried == NOT_VARYING else varying()
             if choice is not None:
                 return choice
@@ -93,7 +100,10 @@ def simulate_to_tolerance(
             how |= {"tried": known, "varying": varying, "follow": follow}
             ahead = frequency_ahead(system, rule, problem, start)
             how["grows"] = every == 1 and not watches
-            return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
+            try:
+                return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
+            except ConvergenceError as error:  # told by the run that came farthest
+                raise max([error, *ended], key=lambda x: abs(x.time - problem.t0)) from None
 
         if stop is None or rows > 1:
             choice = choose(problem, options)

@@ -79,9 +79,10 @@ def choose_varying_steps(
     options: RunOptions,
     tol: float,
     astray: Trajectory | int | None = None,
-) -> Choice | None:
+) -> Choice | ConvergenceError | None:
     """The run with steps that follow the local rate of the scene; None where that is not worth it
-    or not possible, or where neither an error below tol nor that there is none can be shown.
+    or not possible, or where neither an error below tol nor that there is none can be shown. How it
+    ends where a rate in flight leads no farther: that may have poles where the motion has none.
 
     The look ahead sees no more than the beginning: a run with equal steps that went `astray` later
     on shows whether the rate varies till there, or has shown which one of `kinds_of`.
@@ -112,10 +113,10 @@ def choose_varying_steps(
         course = _course(prepared, span, total, options.scale, prepared.stop is not None)
         try:
             found = run_twice(own, course, first, tol, FLOOR)
-        except ConvergenceError:
+        except ConvergenceError as error:
             if not pilot.flight:
                 raise
-            found = None  # a rate in flight may have poles where the motion has none
+            return error
     if found is None:
         return None
     if not resolves_signals(system, problem.c, found.run.t):
