@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from references import end_by_dop853
 
 import varint as vi
 from varint.codegen.cache import compiler
@@ -130,22 +130,6 @@ def test_the_stages_go_over_to_newtons_method_where_inertia_magnifies_round_off(
     assert motion.stats["residual"] < 1e-14
 
 
-def by_dop853(system: vi.System, q0, v0, duration: float) -> np.ndarray:
-    """Where the motion of a Lagrangian ends."""
-    s, n = system, len(q0)
-    push = ca.gradient(s.lagrangian, s.q) - ca.jacobian(s.momentum, s.q) @ s.v
-    a = ca.Function("a", [s.q, s.v], [ca.solve(s.mass_matrix, push)])
-    found = solve_ivp(
-        lambda t, y: np.append(y[n:], a(y[:n], y[n:]).full()),
-        (0.0, duration),
-        np.append(q0, v0),
-        method="DOP853",
-        rtol=1e-13,
-        atol=1e-15,
-    )
-    return found.y[:n, -1]
-
-
 @pytest.mark.parametrize("seed", (8, 15, 42, 56, 84))
 def test_a_metric_that_depends_on_directions_needs_no_rest(seed):
     """Randers' F² is not defined at rest; changes of forces come one evaluation after those of
@@ -158,7 +142,7 @@ def test_a_metric_that_depends_on_directions_needs_no_rest(seed):
     for _ in range(seed + 1):
         q0, v0, duration = random.normal(size=2), random.normal(size=2), random.uniform(0.1, 2)
     motion = vi.simulate(system, q0=q0, v0=v0, duration=duration)
-    error = np.abs(motion.q[-1] - by_dop853(system, q0, v0, duration)).max()
+    error = np.abs(motion.q[-1] - end_by_dop853(system, q0, v0, duration)).max()
     assert error < 1e-9 * np.abs(motion.q).max() and motion.stats["steps"] < 100
     stepped = vi.simulate(system, q0=q0, v0=v0, duration=duration, steps=30)
     assert np.abs(stepped.v[0] - v0).max() < 1e-13  # found from the momentum
@@ -173,7 +157,7 @@ def test_round_off_of_a_rest_energy_ends_iterations():
     lagrangian = -(c**2) * ca.sqrt(1 - ca.sumsqr(v) / c**2) + field * (q[0] * v[1] - q[1] * v[0])
     system = vi.System(q, v, lagrangian)
     start = [-0.106, -0.772, -0.179], [-0.055, 0.168, -0.984]
-    exact = by_dop853(system, *start, 5.1)
+    exact = end_by_dop853(system, *start, 5.1)
     for tol in (1e-5, 1e-9):
         motion = vi.simulate(system, q0=start[0], v0=start[1], duration=5.1, tol=tol)
         error = np.abs(motion.q[-1] - exact).max()

@@ -7,7 +7,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from references import end_by_dop853
 
 import varint as vi
 from varint.integration.time_transformation import rate_ahead
@@ -27,22 +27,6 @@ def bodies(count: int, axes: str, seed: int, strengths, trap: float, drag: float
     return system, random.normal(size=n), 0.3 * random.normal(size=n)
 
 
-def by_dop853(system: vi.System, q0: np.ndarray, v0: np.ndarray, duration: float) -> np.ndarray:
-    """Coordinates at the end of a scene of masses 1."""
-    n, s = len(q0), system
-    push = ca.gradient(s.lagrangian, s.q) + (s.force if s.structure.forced else 0)
-    a = ca.Function("a", [s.q, s.v], [push])
-    found = solve_ivp(
-        lambda t, y: np.append(y[n:], a(y[:n], y[n:]).full()),
-        (0.0, duration),
-        np.append(q0, v0),
-        method="DOP853",
-        rtol=3e-14,
-        atol=1e-15,
-    )
-    return found.y[:n, -1]
-
-
 def sign(i: int, j: int) -> float:
     return 0.1 * (-1) ** (i + j + 1)
 
@@ -58,7 +42,7 @@ def test_an_encounter_of_two_of_many_is_followed(case):
     what DOP853 errs by at most.
     """
     (system, q0, v0), duration, tolerances, unsure = case
-    exact = by_dop853(system, q0, v0, duration)
+    exact = end_by_dop853(system, q0, v0, duration)
     for tol in tolerances:
         motion = vi.simulate(system, q0=q0, v0=v0, duration=duration, tol=tol)
         assert motion.fictitious is not None and motion.stats["steps"] < 600
