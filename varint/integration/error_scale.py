@@ -202,7 +202,7 @@ def _same(before: np.ndarray, turned: np.ndarray, shifted: np.ndarray, gaps: int
         some = part[finite[part]]
         if len(some):
             size = np.abs(before[some]).max()
-            change, other = (np.abs(x - before)[some].max() for x in (turned, shifted))
+            change, other = (np.abs(x[some] - before[some]).max() for x in (turned, shifted))
             if not change <= min(SAME * size, max(OTHER * other, ROUNDED * size)):
                 return False
     return bool(finite.any())

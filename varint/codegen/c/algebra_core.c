@@ -16,6 +16,7 @@
 #include "raw_graph.h"
 
 #define FEW_TERMS 8     /* of a sum that is looked into, since some may cancel where it is used */
+#define MOST_FACTOR 1e100 /* and one over it: numbers that products gather */
 #define LONGEST_CHAIN 6 /* terms of a sum added one after the other; longer sums are split, for latency */
 
 typedef struct { double c; int32_t a, powers; } Term; /* factor, node and powers of a product */
@@ -388,18 +389,28 @@ static Sum so_many_times(Rewriting *r, Sum x, double factor) {
     return single(r, factor * t.c, t.a, t.powers);
 }
 
+/* Whether factors can be gathered in one: far outside of what numbers have room for they make powers of lengths overflow, where
+   these are a millionth of the unit, that together are of usual size. */
+static int is_usual(double c, Term s, Term t) {
+    return s.c == 0.0 || t.c == 0.0 || !(s.powers || t.powers) || (fabs(c) >= 1 / MOST_FACTOR && fabs(c) <= MOST_FACTOR);
+}
+
+static Term by_itself(Rewriting *r, Term t) { return (Term){1.0, with_factor(r, t.c, with_powers(r, t.a, t.powers)), 0}; }
+
 static Sum product(Rewriting *r, Sum x, Sum y) {
     if (is_number(r, x)) return so_many_times(r, y, x.term[0].c);
     if (is_number(r, y)) return so_many_times(r, x, y.term[0].c);
-    const Term s = term_of(r, x), t = term_of(r, y);
+    Term s = term_of(r, x), t = term_of(r, y);
+    if (!is_usual(s.c * t.c, s, t)) s = by_itself(r, s), t = by_itself(r, t);
     return single(r, s.c * t.c, times(&r->graph, s.a, t.a), joined(r, s.powers, t.powers));
 }
 
 static Sum quotient(Rewriting *r, Sum x, Sum y) {
     Graph *const g = &r->graph;
-    const Term below = term_of(r, y);
+    Term below = term_of(r, y);
     if (below.c != 0.0 && below.a == g->unit && !below.powers) return so_many_times(r, x, 1.0 / below.c);
-    const Term above = term_of(r, x);
+    Term above = term_of(r, x);
+    if (!is_usual(above.c / below.c, above, below)) above = by_itself(r, above), below = by_itself(r, below);
     if (below.c == 0.0) {
         const int32_t a = sum_node(r, x);
         return single(r, 1.0, node_of(g, OP_div, a, sum_node(r, y)), 0);

@@ -38,6 +38,12 @@ class Course:
         The loop of each scene that moves.
     grid : float or None
         Step size, where that is given.
+    tol : float
+        The accuracy that is asked for; 0 where steps are given.
+    left : float
+        Of the motion's size, how far arcs lead that are left out.
+    reached : float
+        For how long the last run could be followed.
     say : callable
         Takes () → how far it is.
     """
@@ -51,6 +57,9 @@ class Course:
     known: dict[Branch, float] = field(default_factory=dict)
     kernels: dict[Branch, Kernel | None] = field(default_factory=dict)
     grid: float | None = None
+    tol: float = 0.0
+    left: float = 0.0
+    reached: float = 0.0
     say: Callable[[Callable[[], str]], None] = lambda note: None
 
 

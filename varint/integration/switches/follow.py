@@ -75,7 +75,8 @@ def follow(course: Course, parts: int) -> Iterator[list[Piece] | None]:
             lately, passed_by = [], []
         else:
             lately, passed_by = [*lately, piece][-ARCS:], [*passed_by, crossed[0]][-ARCS:]
-            rest = rest_after(course, lately, passed_by) if row == len(times) else None
+            size = contacts.extent.far
+            rest = rest_after(course, lately, passed_by, size) if row == len(times) else None
             if rest is not None:
                 yield [rest]
                 return

@@ -52,10 +52,14 @@ class Extent:
         self.high = np.maximum(self.high, q.max(axis=0))
         self.fast = np.maximum(self.fast, np.abs(v).max(axis=0))
 
+    @property
+    def far(self) -> float:
+        """The largest coordinate."""
+        return float(np.maximum(np.abs(self.low), np.abs(self.high)).max())
+
     def step(self, most: float) -> float:
         """A step by the motion's own time, of that of the whole run at most."""
-        far = np.maximum(np.abs(self.low), np.abs(self.high)).max()
-        size = np.maximum(self.high - self.low, SMALL * far)
+        size = np.maximum(self.high - self.low, SMALL * self.far)
         tells = self.fast > SMALL * self.fast.max()
         if not tells.any() or not size[tells].max() > 0:
             return STEP * most

@@ -25,6 +25,7 @@ from varint.integration.switches.branch import slidable, slope_size
 from varint.integration.switches.compared import apart_from, least_resolved, untold
 from varint.integration.switches.course import Course, Piece, kernel_in
 from varint.integration.switches.follow import first_unit, follow
+from varint.integration.switches.fractional import order_at_switches
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined
 from varint.integration.switches.piece import ANGLE
@@ -44,7 +45,8 @@ from varint.scene.system import System
 
 FOLLOWING = "following the motion from switch to switch"
 FEWEST, MOST = 4, 2**17  # steps of a unit of time
-FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
+FAILURES = 3  # numbers of steps that lead no farther, after which it is given up
+FARTHER = 0.01  # of the duration
 MOST_DOUBLINGS = 4  # of the steps at a time
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
 STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
@@ -73,7 +75,7 @@ def choose_switched_steps(
     table = timetable(system, problem.c, begin, total, problem.u[:, 0])
     problem = problem._replace(h=total, steps=1)
     rules = rules_for(system)
-    course = Course(system, rule or list(rules)[-1], problem, table, options.backend)
+    course = Course(system, rule or list(rules)[-1], problem, table, options.backend, tol=tol)
     with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
         course.say = say
         unit = first_unit(course)
@@ -140,14 +142,16 @@ def _refined(
         parts *= 2
     before: tuple[int, list[Piece]] | None = None
     best: tuple[Choice, list[Piece]] | None = None
-    order = float(p) if frozen.system.structure.linear else None
-    last, runs, failures, stalls = math.inf, 0, 0, 0
+    order, most = (float(p) if frozen.system.structure.linear else None), float(p)
+    last, runs, failures, stalls, reached = math.inf, 0, 0, 0, 0.0
     growth, grown = 1.0, 0.0
     while parts <= MOST:
         pieces = run_pieces(course, parts, stop)
         runs += 1
         if pieces is None:
-            failures, before, last = failures + 1, None, math.inf
+            farther = course.reached > reached + FARTHER * abs(course.problem.h)
+            reached, before, last = max(reached, course.reached), None, math.inf
+            failures = 1 if farther else failures + 1
             if failures == FAILURES:
                 return None
             parts *= 2
@@ -161,11 +165,12 @@ def _refined(
             before, last, parts = (parts, pieces), math.inf, 2 * parts
             continue
         apart, growth = apart_from(course, before[1], pieces, motion, scales)
+        most = min(most, order_at_switches(course, pieces))
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
-            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
+            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), most)
         left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
         rounded = least_resolved(motion, len(pieces), scales)
-        estimate = max(apart * left / (1 - left), rounded)
+        estimate = max(apart * left / (1 - left), rounded, course.left)
         if estimate <= tol and not frozen.system.structure.autonomous:
             estimate = max(estimate, missed_impulse(system, looks, motion, scales, tol))
         grown, latest = 0.0, (parts, (pieces, motion, scales))
@@ -195,10 +200,12 @@ def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | 
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
     end = course.problem.t0 + course.problem.h
+    course.reached = 0.0
     for some in follow(course, parts):
         if some is None:
             return None
         t = float(some[-1].t[-1])
+        course.reached = abs(t - course.problem.t0)
         course.say(partial("{} steps a unit of time, t = {:.4g} of {:.4g}".format, parts, t, end))
         cut = cut_among(course, pieces[-1:], some, stop) if stop else None
         pieces += some if cut is None else cut

@@ -3,7 +3,8 @@
 A ball under dry friction in the potential of a kink swings in arcs each of which takes the same
 part of the time of the one before; their sum ends the motion (Zeno). There it stays, if of the
 forces of all branches that meet some pull one way and some the other (Filippov, Differential
-Equations with Discontinuous Righthand Sides, 1988, §4).
+Equations with Discontinuous Righthand Sides, 1988, §4). Under a damper arcs shrink by ever less,
+and never end; they count no more once they are far smaller than what is asked for.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ from varint.scene.system import System
 ARCS = 8  # that must be shorter and shorter
 SHRINKS = 0.98  # each by this at least, or all of them together would
 NOTHING = 1e-11  # of the duration: what is left of all arcs to come
+SMALL = 0.8  # of what is asked for: arcs that shrink for ever, which the estimate counts
 MOST_TOGETHER = 4  # switches, in 2⁴ branches
 
 
-def rest_after(course: Course, pieces: Sequence[Piece], crossed: Sequence[int]) -> Piece | None:
-    """The rest of a motion of one coordinate whose arcs have become too short to count, at the
-    switches that it crossed between them; None where it goes on.
+def rest_after(
+    course: Course, pieces: Sequence[Piece], crossed: Sequence[int], size: float
+) -> Piece | None:
+    """The rest of a motion of one coordinate, of a `size` so far, whose arcs have become too short
+    to count, at the switches that it crossed between them; None where it goes on.
     """
     system = course.system
     end = course.problem.t0 + course.problem.h
@@ -43,14 +47,19 @@ def rest_after(course: Course, pieces: Sequence[Piece], crossed: Sequence[int]) 
         return None
     ratio = (last / first) ** (1 / (ARCS - 2))
     left = last / max(1 - ratio**2, 1e-3)
-    if not (ratio < SHRINKS and left <= NOTHING * abs(course.problem.h)):
-        return None
     fast, slow = (max(float(np.abs(x.states[:, 2]).max()) for x in two) for two in ends)
-    if not slow < SHRINKS * fast:  # what is shorter is not slower
+    shrink = max(ratio, slow / fast)  # what is shorter need not be slower
+    if shrink < SHRINKS:
+        rests = left <= NOTHING * abs(course.problem.h)
+    else:
+        rests = shrink < 1 and width_of(pieces) <= SMALL * course.tol * size
+    if not rests:
         return None
     together = sorted(set(crossed[-ARCS:]))
     if len(together) > MOST_TOGETHER or not _stays(course, pieces[-1], together):
         return None
+    if shrink >= SHRINKS:
+        course.left = max(course.left, width_of(pieces) / size)
     before = pieces[-1]
     values = np.array(before.branch.values)
     values[together] = 0.0
@@ -59,6 +68,13 @@ def rest_after(course: Course, pieces: Sequence[Piece], crossed: Sequence[int]) 
     p = call(_at_rest(system), q, all_parameters(course.problem.c, branch))[1]
     states = np.stack([q, p, np.zeros_like(q)])[None].repeat(2, axis=0)
     return Piece(branch, float(t[1] - t[0]), 1, t, states, 0, 0.0)
+
+
+def width_of(arcs: Sequence[Piece]) -> float:
+    """How far the last arcs lead, from a switch and back to it: a quarter of their largest speed
+    times their time, as a throw does.
+    """
+    return max(float(np.abs(x.states[:, 2]).max() * abs(x.t[-1] - x.t[0])) / 4 for x in arcs)
 
 
 def _stays(course: Course, piece: Piece, together: Sequence[int]) -> bool:

@@ -51,15 +51,17 @@ def in_fictitious_time(
             "take larger ones"
         )
     count = problem.steps if total is None else max(1, math.ceil(pace))
-    beside = (scale, -energy) if scene.accounts else (scale,)
-    begin = t if scene.accounts else t[:0]
+    begin, beside = problem.t0, [scale, -energy]
+    if not scene.accounts:
+        begin = float(call(scene.weight, problem.q0, v, t, problem.c, np.array([slowest]))[0][0])
+        beside = [begin * scale]
     return problem._replace(
         q0=np.append(problem.q0, np.zeros(len(beside))),
         p0=np.append(problem.p0, beside),
         t0=0.0,
         steps=count,
         u=np.empty((count, 1, 0)),
-        c=np.concatenate((problem.c, begin, (slowest, energy, scale))),
+        c=np.concatenate((problem.c, (begin, slowest, energy, scale))),
     )
 
 

@@ -235,7 +235,7 @@ class BegunStart:
         The slowest rate that the time scale may have.
     inner : array
         All parameters of the rescaled scene, by `begin`: those of the original one in its room, the
-        slowest rate, E0 and σ0.
+        weight of time, the slowest rate, E0 and σ0.
     at : int, int
         Addresses of q and p of the rescaled scene, by `begin`, too, and of `inner`.
     places : Places
@@ -312,13 +312,17 @@ def start_of(system: System, scene: TransformedScene) -> BegunStart:
 
 @per_system
 def _start_function(system: System, scene: TransformedScene) -> ca.Function:
-    """(q, v, p, t, c, slowest rate) → (q, 0, p, σ) and (c, slowest rate, E0, σ); where the energy
-    is kept account of, (q, 0, 0, p, σ, −E0) and (c, t, slowest rate, E0, σ).
+    """(q, v, p, t, c, slowest rate) → (q, 0, p, w σ) and (c, w, slowest rate, E0, σ); where the
+    energy is kept account of, (q, 0, 0, p, σ, −E0) and (c, t, slowest rate, E0, σ).
     """
     s, p, slowest = system, ca.SX.sym("p", system.structure.n), ca.SX.sym("slowest rate")
     energy, scale = scene.energy(s.q, s.v, s.t, s.c, slowest)
-    beside, begin = ([scale, -energy], [s.t]) if scene.accounts else ([scale], [])
+    if scene.accounts:
+        beside, begin = [scale, -energy], s.t
+    else:
+        begin = scene.weight(s.q, s.v, s.t, s.c, slowest)
+        beside = [begin * scale]
     x = ca.vertcat(s.q, ca.SX.zeros(len(beside)), p, *beside)
-    inner = ca.vertcat(s.c, *begin, slowest, energy, scale)
+    inner = ca.vertcat(s.c, begin, slowest, energy, scale)
     inputs = [s.q, s.v, p, s.t, s.c, slowest]
     return ca.Function("fictitious_start", inputs, [ca.densify(x), ca.densify(inner)])

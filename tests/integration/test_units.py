@@ -1,0 +1,42 @@
+"""The same scene in other units: a default call knows none, and takes the same steps in all."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+
+NANOMETRES = 2.0**-30  # near enough, and it rounds nothing
+
+
+def cantilever(unit):
+    """A needle of unit mass on a unit spring that taps a wall of Lennard-Jones' potential."""
+    q, v = vi.coordinates("z")
+    gap = 12 * unit + q
+    wall = unit**3 / (6 * gap) - unit**3 * (0.3 * unit) ** 6 / (180 * gap**7)
+    return vi.System(q, v, v**2 / 2 - q**2 / 2 + wall)
+
+
+@pytest.mark.parametrize("unit", [2.0**-10, NANOMETRES])
+@pytest.mark.parametrize("tol", [1e-9, 1e-4])
+def test_a_needle_that_taps_a_wall_takes_the_same_steps_in_metres(unit, tol):
+    """Twelve units away from a wall of three tenths: steps follow the rate beside it. Products of
+    powers of lengths overflowed, and round-off of the time was seen beside so small energies.
+    """
+    known, small = (
+        vi.simulate(cantilever(x), q0=12 * x, v0=0.0, duration=30.0, tol=tol) for x in (1.0, unit)
+    )
+    assert small.stats["error_estimate"] < tol
+    assert len(small) == pytest.approx(len(known), abs=2)
+    assert np.abs(small.q[-1] / unit - known.q[-1]).max() < 12 * tol
+
+
+def test_a_bond_in_kilogrammes_and_metres_is_no_angle_and_nobody_is_warned():
+    """exp overflows where it is looked whether a turn of the coordinate changes anything."""
+    q, v = vi.coordinates("r")
+    bond = 1.8e-18 * (1 - ca.exp(-2.3e10 * (q - 1.128e-10))) ** 2
+    motion = vi.simulate(
+        vi.System(q, v, 1.14e-26 * v**2 / 2 - bond), q0=1.3e-10, v0=0.0, duration=1e-12
+    )
+    assert motion.stats["error_estimate"] < 1e-9
+    assert motion.energy == pytest.approx(motion.energy[0], rel=1e-9)
