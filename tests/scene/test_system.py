@@ -270,3 +270,34 @@ def test_a_matrix_with_an_entry_that_is_no_number_is_not_definite(entry, value):
     matrix = np.eye(3)
     matrix[entry] = matrix[entry[::-1]] = value
     assert not is_definite(matrix)
+
+
+@pytest.mark.parametrize(
+    ("part", "says"),
+    [
+        (
+            lambda q, v: {"contact": q[1] >= 0},
+            r"row 0 of the contact is a condition, 0 or 1, .* give the gap",
+        ),
+        (
+            lambda q, v: {"contact": ca.vertcat(q[1], q[0] > 1)},
+            r"row 1 of the contact is a condition.*1<x",
+        ),
+        (lambda q, v: {"constraint": q[1] == q[0]}, r"row 0 of the constraint .* as x - y"),
+        (lambda q, v: {"constraint": ca.logic_or(q[0] > 0, q[1] > 0)}, r"row 0 of the constraint"),
+        (lambda q, v: {"nonholonomic": v[1] == v[0]}, r"nonholonomic .* give ca.jacobian"),
+    ],
+)
+def test_a_condition_is_no_gap_and_no_constraint(part, says):
+    """A body fell through the floor whose gap was y >= 0, without a word."""
+    q, v = vi.coordinates("x", "y")
+    lagrangian = ca.sumsqr(v) / 2 - 9.81 * q[1]
+    with refused(says):
+        vi.System(q, v, lagrangian, **part(q, v))
+
+
+def test_conditions_may_stand_within_gaps_and_forces():
+    q, v = vi.coordinates("y")
+    step = ca.if_else(q > 0.5, q - 0.25, q / 2)
+    scene = vi.System(q, v, v**2 / 2, contact=step, force=-(q > 2))
+    assert (scene.structure.contacts, scene.structure.forced) == (1, True)

@@ -27,6 +27,7 @@ from varint.scene.validation import (
     check_symbols,
     expression,
     pfaffian,
+    rows,
     symbols,
 )
 
@@ -254,13 +255,9 @@ class System:
             force=_without_zeros(
                 expression("the force", ca.SX(n, 1) if force is None else force, (n, 1))
             ),
-            constraint=expression(
-                "the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)
-            ),
+            constraint=rows("the constraint", constraint),
             nonholonomic=pfaffian(nonholonomic, v),
-            contact=expression(
-                "the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)
-            ),
+            contact=rows("the contact", contact),
         )
         for name, value in values.items():
             object.__setattr__(self, name, value)

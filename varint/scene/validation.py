@@ -10,6 +10,8 @@ import casadi as ca
 from varint.errors import InputError, parsed_or_refused
 from varint.scene.epigraph import refuse_largest
 
+CONDITIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
+
 
 def symbols(what: str, x: Any) -> ca.SX:
     """x as a column of distinct SX symbols."""
@@ -46,8 +48,25 @@ def expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
     return x
 
 
+def refuse_condition(what: str, x: ca.SX, instead: str) -> None:
+    """Refuse a comparison, or what joins some, where an expression is wanted: it is 0 or 1."""
+    if any(x.is_op(condition) for condition in CONDITIONS):
+        raise InputError(f"{what} is a condition, 0 or 1, {instead}; got {x}")
+
+
+def rows(what: str, x: Any) -> ca.SX:
+    """x as a column of expressions none of which is a condition; none for None."""
+    found = expression(what, ca.SX(0, 1) if x is None else x, (None, 1))
+    for i in range(found.numel()):
+        refuse_condition(f"row {i} of {what}", found[i], _IN_PLACE_OF_CONDITIONS[what])
+    return found
+
+
 def pfaffian(x: Any, v: ca.SX) -> ca.SX:
     """The matrix A of rows A(q, t) v = 0, (any, n); none for None."""
+    if isinstance(x, ca.SX) and ca.depends_on(x, v):
+        for entry in ca.vertsplit(ca.vec(x)):
+            refuse_condition("nonholonomic", entry, _IN_PLACE_OF_CONDITIONS["nonholonomic"])
     if isinstance(x, ca.SX) and x.shape[1] != v.numel() and ca.depends_on(x, v):
         raise InputError(
             f"nonholonomic takes the matrix A of the rows A(q, t) v = 0, {v.numel()} columns wide, "
@@ -118,4 +137,13 @@ _MAY_DEPEND = {
     "the constraint": "q, t and the parameters; constraints on velocities are nonholonomic=",
     "nonholonomic": "q, t and the parameters (the rows A of A(q) v = 0)",
     "the contact": "q, t and the parameters",
+}
+
+_IN_PLACE_OF_CONDITIONS = {
+    "the constraint": "which no motion keeps at zero: give what is zero where it holds, as x - y "
+    "for x == y",
+    "the contact": "which is no distance: give the gap, positive off the contact and zero at it, "
+    "as x - 0.5 for x >= 0.5",
+    "nonholonomic": "where the rows A of A(q, t) v = 0 are wanted: give "
+    "ca.jacobian(v[0] - v[1], v) for v[0] == v[1]",
 }

@@ -35,12 +35,12 @@ from varint.scene.expressions import in_own_symbols
 from varint.scene.memory import per_system
 from varint.scene.serialisation import expression_as_data
 from varint.scene.system import System
+from varint.scene.validation import refuse_condition
 
 REMEMBERED = 64  # expressions of a system whose functions are kept
 LATELY = 8  # of them that a new one is compared with before it is read
 DEEP = 8  # operations below one another as far as these are compared
 WATCHED = "the expression"
-CONDITIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 ROUND_OFF = 1e-12  # of the value before a jump: so near to zero is zero after it
 
 
@@ -71,11 +71,11 @@ def parse_watch(what: str, wanted: Any) -> Watch:
         raise InputError(
             f"{what} must be one SX expression, or (expression, direction), got {wanted!r}"
         )
-    if any(expression.is_op(condition) for condition in CONDITIONS):
-        raise InputError(
-            f"{what} is a condition, 0 or 1, which has no sign to change: give what crosses zero "
-            f"there, as x - 0.5 for x > 0.5; got {expression}"
-        )
+    refuse_condition(
+        what,
+        expression,
+        "which has no sign to change: give what crosses zero there, as x - 0.5 for x > 0.5",
+    )
     return Watch(what, expression, direction)
 
 
