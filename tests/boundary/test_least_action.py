@@ -10,6 +10,7 @@ from scenes import double_pendulum, driven_damped, pendulum, slopes
 from scipy.integrate import solve_ivp
 
 import varint as vi
+from varint.numerics import progress
 
 
 def oscillator(m=1.0, w=1.0):
@@ -395,3 +396,12 @@ def test_a_metric_that_is_no_expression_is_refused():
             vi.geodesic(q, v, wrong)
         with pytest.raises(vi.InputError, match=r"^q "):
             vi.geodesic(wrong, v, q)
+
+
+def test_a_long_search_is_told_where_someone_watches(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "SILENCE", 1e-3)
+    vi.least_action(pendulum(), q0=0.0, q_end=1.0, duration=3.0)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "_is_watched", lambda: True)
+    vi.least_action(pendulum(), q0=0.0, q_end=1.1, duration=3.1)
+    assert "looking for a path of least action: 0 s" in capsys.readouterr().err

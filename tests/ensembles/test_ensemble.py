@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ import varint as vi
 from varint.ensembles import batch
 from varint.ensembles import executor as executor_module
 from varint.ensembles.executor import _cut
+from varint.numerics import progress
 
 
 def assert_members_are(
@@ -178,3 +182,17 @@ def test_one_number_a_member_is_enough_for_one_coordinate():
     assert [round(m.q[0, 0], 9) for m in motions] == [0.1, 0.2, 0.3]
     with pytest.raises(IndexError):
         motions[3]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_a_terminal_that_does_not_know_its_size_shows_a_bar(monkeypatch):
+    """Pseudo-terminals of containers and of `script` have no columns and no rows."""
+    keeper, terminal = os.openpty()
+    os.set_blocking(keeper, False)
+    with os.fdopen(terminal, "w") as shown:
+        monkeypatch.setattr(sys, "stderr", shown)
+        monkeypatch.setattr(progress, "PATIENCE", 0.0)
+        vi.ensemble(swinging(), q0=np.linspace(0.1, 1, 40), v0=0.0, duration=5.0)
+        shown.flush()
+        assert b"/40" in os.read(keeper, 10_000)
+    os.close(keeper)

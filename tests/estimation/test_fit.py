@@ -12,6 +12,7 @@ import varint as vi
 from varint.estimation.problem import estimation
 from varint.estimation.residuals import first_guess, residuals, shooter
 from varint.estimation.segments import guessed_states
+from varint.numerics import progress
 
 
 def pendulum(**names: float) -> tuple[vi.System, vi.Parameters]:
@@ -282,3 +283,16 @@ def test_what_is_no_estimation_problem_is_refused_in_words():
             vi.Measurement(q, t, values, sigma)
     with pytest.raises(vi.InputError, match="level"):
         vi.fit(system, **good).interval(2.0)
+
+
+def test_a_long_fit_is_told_where_someone_watches(capsys, monkeypatch):
+    system, _ = pendulum()
+    true = truth(system)
+    seen = vi.Measurement(system.q, true.t, true.q[:, 0], sigma=1e-3)
+    given = dict(data=[seen], unknown=["weight"], q0=1.0, v0=0.3)
+    monkeypatch.setattr(progress, "SILENCE", 1e-3)
+    vi.fit(system, **given)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "_is_watched", lambda: True)
+    vi.fit(system, **given)
+    assert "fitting: 0 s" in capsys.readouterr().err

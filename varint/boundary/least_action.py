@@ -22,6 +22,7 @@ from varint.boundary.stationary import BoundaryValueProblem
 from varint.boundary.winding import other_way, with_ways_compared
 from varint.errors import InputError, SolverError
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
+from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
 from varint.scene.free import Free
@@ -134,7 +135,9 @@ def least_action(
     given = dict(q_start=start_of(q0, q_start), q_end=q_end, t0=t0, guess=guess, u=u)
     closed = dict(params=params, periodic=periodic, symmetry=symmetry, energy=energy)
     search = on_its_steps if guess is None else along_its_way
-    path = next(solutions(search, system, rule, duration, steps, tol, bounds, **given, **closed))
+    with notice("looking for a path of least action"):
+        found = solutions(search, system, rule, duration, steps, tol, bounds, **given, **closed)
+        path = next(found)
     if other := other_way(path):
         warnings.warn(other, stacklevel=2)
     return path

@@ -19,6 +19,7 @@ from varint.estimation.problem import Estimation, estimation
 from varint.estimation.residuals import shooter
 from varint.estimation.result import Fit
 from varint.integration.plan import plan
+from varint.numerics.progress import notice
 from varint.rules.rule import Rule
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, require_system
@@ -129,10 +130,11 @@ def fit(
 
     if h is None:
         require_constant_controls(system, rule, experiments)
-    p = problem(step_for(problem) if h is None else h)
-    made = fit_of(*fit_with_noise(shooter(p, backend), huber))
-    if h is None:
-        made = with_shorter_steps(made, huber)
+    with notice("fitting"):
+        p = problem(step_for(problem) if h is None else h)
+        made = fit_of(*fit_with_noise(shooter(p, backend), huber))
+        if h is None:
+            made = with_shorter_steps(made, huber)
     for sentence in filter(None, (*made.unidentifiable, made.misfit, made.step_error)):
         warnings.warn(sentence, stacklevel=2)
     return made

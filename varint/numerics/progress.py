@@ -4,6 +4,7 @@ does.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -17,6 +18,7 @@ from varint.errors import InputError
 
 PATIENCE = 1.0  # seconds before a bar appears unasked
 SILENCE, MOST_SILENT = 1.9, 10.0  # seconds until a notice appears, and at most between two
+COLUMNS, ROWS = 80, 24  # of terminals that say they have none
 
 
 Move = Callable[[int, Callable[[], str]], object]
@@ -56,9 +58,8 @@ def _unseen(count: int, note: Callable[[], str]) -> None:
 def _bar(total: int | None, unit: str, wanted: bool, done: int) -> Iterator[Move]:
     tqdm = bar_class()
     delay = 0 if wanted else PATIENCE
-    with tqdm(
-        total=total, initial=done, unit=unit, unit_scale=True, delay=delay, leave=wanted
-    ) as bar:
+    how = {"total": total, "initial": done, "unit": unit, "unit_scale": True} | _size()
+    with tqdm(**how, delay=delay, leave=wanted) as bar:
         latest: list[Callable[[], str]] = []
 
         def move(count: int, note: Callable[[], str]) -> None:
@@ -145,6 +146,13 @@ def bar_class() -> Any:
     from tqdm.std import tqdm as plain
 
     return plain
+
+
+def _size() -> dict[str, int]:
+    """Columns and rows where a terminal does not know its own, so that tqdm would show nothing."""
+    if sys.stderr.isatty() and 0 in os.get_terminal_size(sys.stderr.fileno()):
+        return {"ncols": COLUMNS, "nrows": ROWS}
+    return {}
 
 
 def _is_watched() -> bool:
