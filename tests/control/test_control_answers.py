@@ -272,3 +272,33 @@ def test_an_error_in_a_callback_is_the_callers():
         move(vi.gauss(2), 6, callback=3)
     with pytest.raises(vi.InputError, match="solver='fatrop'"):
         move(vi.gauss(2), 6, callback=print, solver="fatrop")
+
+
+def round_a_disc(**more):
+    """The line between the ends passes under the middle of a disc: two ways round, of which the
+    one above is longer.
+    """
+    q, v = vi.coordinates("x", "y")
+    force = ca.SX.sym("F", 2)
+    return vi.optimal_control(
+        vi.System(q, v, ca.sumsqr(v) / 2, force=force, control=force),
+        duration=2.0,
+        steps=40,
+        cost=ca.sumsqr(force),
+        start=dict(q=[-2, 0], v=[0, 0]),
+        end=dict(q=[2, 0], v=[0, 0]),
+        bounds=[(1, q[0] ** 2 + (q[1] - 0.2) ** 2, None)],
+        **more,
+    )
+
+
+def test_a_saddle_is_told_unasked_and_the_way_out_leads_to_less():
+    with pytest.warns(UserWarning, match=r"saddle point, no minimum.*guess=.*multistart"):
+        saddle = round_a_disc()
+    assert saddle.solution.second_order.kind == "saddle point"
+    below = round_a_disc(guess=dict(q=[[-2, 0], [0, -1.2], [2, 0]]))
+    assert below.cost < 0.7 * saddle.cost
+
+
+def test_the_second_order_test_is_not_made_where_the_solver_met_no_negative_curvature():
+    assert "second_order" not in vars(swing(pendulum(), 3.0, 12).solution)

@@ -13,6 +13,7 @@ from varint.control.links import Link, default_links
 from varint.control.phase import Phase
 from varint.control.problem import transcribe
 from varint.control.replay import LARGE, error_estimate, remedy
+from varint.control.saddles import warn_of_saddle
 from varint.control.solve import Callback, solve
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.slacks import Soft
@@ -254,18 +255,13 @@ def solve_phases(
     ties = default_links(len(phases)) if links is None else links
     if callback is not None:
         _require_callback(callback, solver)
-    return solve(
-        transcribe(phases, ties, number("t0", t0), choose_backend(solver, backend)),
-        solver,
-        options,
-        progress,
-        callback,
-    )
+    problem = transcribe(phases, ties, number("t0", t0), choose_backend(solver, backend))
+    return solve(problem, solver, options, progress, callback)
 
 
 def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
     """The trajectories with an estimate of their error in `stats`, and with what goes beyond bounds
-    between the nodes; a warning where one of them is large.
+    between the nodes; a warning where one of them is large, and of a saddle.
     """
     errors = [error_estimate(x, x.solution.u) for x in found]
     beyond = [excess_between_nodes(x) for x in found]
@@ -276,6 +272,7 @@ def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
             f"{worst:.1g} of a coordinate's range away from its path; {remedy(found)}",
             stacklevel=stacklevel,
         )
+    warn_of_saddle(found, stacklevel)
     excess = sorted((part, name) for x in beyond for name, part in x.items())
     if excess and excess[-1][0] > FAR and solved:
         part, name = excess[-1]
