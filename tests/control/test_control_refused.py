@@ -130,3 +130,20 @@ def test_input_that_fuzzing_found_is_refused(changed, message):
     )
     with pytest.raises(vi.InputError, match=message):
         vi.optimal_control(cart, vi.gauss(2), **problem | changed)
+
+
+def test_a_guess_of_the_duration_that_leads_nowhere_is_named():
+    """A motor of a fifth of the weight swings up in time, from other guesses."""
+    q, v = vi.coordinates("theta")
+    weak = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=U, control=U)
+    with pytest.raises(vi.SolverError, match=r"another guess of the duration, here 3\.") as caught:
+        vi.optimal_control(
+            weak,
+            duration=vi.free(3.0, 0.1, 30),
+            steps=80,
+            cost=1,
+            start=dict(q=[0], v=[0]),
+            end=dict(q=[np.pi], v=[0]),
+            bounds=[(-2, U, 2)],
+        )
+    assert "contradict" not in str(caught.value)

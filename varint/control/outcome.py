@@ -41,7 +41,8 @@ def raise_unless_converged(
     status = outcome.status.removeprefix("EXIT: ")
     words = WORDS.get(status, "no solution was found from this guess")
     if nearest is not None and nearest.broken:
-        words = f"the conditions contradict each other near the last iterate: {nearest}. Relax one"
+        words = f"{_against(problem)}: {nearest}. Relax one"
+        words += _another_duration(problem)
     raise SolverError(
         f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "
         "error.iterate is the last iterate",
@@ -49,3 +50,20 @@ def raise_unless_converged(
         iterate=found[0] if len(found) == 1 else found,
         contradiction=nearest,
     )
+
+
+def _against(problem: ControlProblem) -> str:
+    """Conditions that no motion keeps, or none near the guess where the duration is free."""
+    if _guessed_durations(problem):
+        return "no motion that keeps all conditions was found near this guess"
+    return "the conditions contradict each other near the last iterate"
+
+
+def _another_duration(problem: ControlProblem) -> str:
+    guessed = " and ".join(f"{x:.6g}" for x in _guessed_durations(problem))
+    return f", or try another guess of the duration, here {guessed}" if guessed else ""
+
+
+def _guessed_durations(problem: ControlProblem) -> list[float]:
+    phases = [part.phase for part in problem.phases]
+    return [x.duration[0] for x in phases if x.free_duration]
