@@ -132,6 +132,42 @@ def test_input_that_fuzzing_found_is_refused(changed, message):
         vi.optimal_control(cart, vi.gauss(2), **problem | changed)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(cost=ca.fabs(U)), "fabs(u) in the cost has a kink in the controls: write vi.abs(…)"),
+        (dict(cost=ca.fmax(U, 0)), "write vi.max(…, …)"),
+        (dict(cost=ca.if_else(U > 0, U, -2 * U)), "tanh(x / ε)"),
+        (dict(cost=ca.sqrt(U**2)), "fabs(u) in the cost"),
+        (dict(cost=ca.norm_2(ca.vertcat(U, 2 * U))), "add a small ε² under the root"),
+        (dict(cost=U**2, bounds=[(None, ca.fabs(U), 9)]), "a bound |x| <= b is (-b, x, b)"),
+    ],
+)
+def test_kinks_in_the_controls_are_named_before_the_solver_starts_and_when_it_fails(change, words):
+    with (
+        pytest.warns(UserWarning, match=re.escape(words)),
+        pytest.raises(vi.SolverError, match=re.escape(words)),
+    ):
+        move(vi.gauss(2), 5, **change, options={"ipopt": {"max_iter": 1}})
+
+
+@pytest.mark.parametrize(
+    "cost",
+    [
+        ca.fabs(U) ** 2,
+        ca.fabs(U) ** 3,
+        ca.fmax(U, 0) ** 2 + U**2,
+        ca.sqrt(U**2 + 0.1),
+        ca.if_else(X > 0, U**2, 2 * U**2),
+        U**2 + ca.fabs(X + 1),
+    ],
+)
+def test_costs_without_a_kink_in_the_controls_get_no_warning(cost):
+    with pytest.raises(vi.SolverError, match="more iterations") as caught:
+        move(vi.gauss(2), 5, cost=cost, options={"ipopt": {"max_iter": 0}})
+    assert "kink" not in str(caught.value)
+
+
 def test_a_guess_of_the_duration_that_leads_nowhere_is_named():
     """A motor of a fifth of the weight swings up in time, from other guesses."""
     q, v = vi.coordinates("theta")

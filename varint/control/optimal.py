@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from varint.control.excess import FAR, excess_between_nodes
+from varint.control.kinks import warn_of_kinks
 from varint.control.links import Link, default_links
 from varint.control.phase import Phase
 from varint.control.problem import transcribe
@@ -256,6 +257,7 @@ def solve_phases(
     if callback is not None:
         _require_callback(callback, solver)
     problem = transcribe(phases, ties, number("t0", t0), choose_backend(solver, backend))
+    warn_of_kinks([part.phase for part in problem.phases], stacklevel=3)
     return solve(problem, solver, options, progress, callback)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
+from varint.control.kinks import kinks_in_words
 from varint.control.problem import ControlProblem
 from varint.control.trajectories import build_trajectories
 from varint.errors import SolverError
@@ -43,6 +44,8 @@ def raise_unless_converged(
     if nearest is not None and nearest.broken:
         words = f"{_against(problem)}: {nearest}. Relax one"
         words += _another_duration(problem)
+    if kinks := kinks_in_words([part.phase for part in problem.phases]):
+        words += f". {kinks}"
     raise SolverError(
         f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "
         "error.iterate is the last iterate",
