@@ -31,6 +31,18 @@ def test_a_needle_that_taps_a_wall_takes_the_same_steps_in_metres(unit, tol):
     assert np.abs(small.q[-1] / unit - known.q[-1]).max() < 12 * tol
 
 
+def test_the_action_of_an_orbit_of_small_energy_is_that_of_any_other():
+    """The clock of a run in fictitious time has a weight there, which the action leaves out."""
+    found = []
+    for unit in (1.0, 2.0**-12):
+        q, v = vi.coordinates("x", "y")
+        orbit = vi.System(q, v, ca.sumsqr(v) / 2 + unit**3 / ca.norm_2(q))
+        motion = vi.simulate(orbit, q0=[1.9 * unit, 0], v0=[0, 0.23 * unit], duration=10.0)
+        assert motion.fictitious is not None
+        found.append(motion.action / unit**2)
+    assert found[1] == pytest.approx(found[0], rel=1e-8)
+
+
 def test_a_bond_in_kilogrammes_and_metres_is_no_angle_and_nobody_is_warned():
     """exp overflows where it is looked whether a turn of the coordinate changes anything."""
     q, v = vi.coordinates("r")
