@@ -23,6 +23,9 @@ def _free_fall():
     ("change", "message"),
     [
         (dict(duration=-1.0), "positive"),
+        (dict(duration="1"), "must be a number or free(guess, lower, upper), got '1'"),
+        (dict(start=dict(q=["0"])), "must be a number, None or free(…), got '0'"),
+        (dict(guess=dict(duration="1")), "positive number, got '1'"),
         (dict(duration=vi.free(1, -1, 2)), "positive lower bound"),
         (dict(steps=0), "give steps"),
         (dict(steps=2.5), "whole number"),

@@ -111,6 +111,8 @@ def test_what_cannot_be_shown_is_refused_with_the_remedy(swing, tmp_path, monkey
     drawn = vi.models.sketch(model)
     with pytest.raises(vi.InputError, match=r"ends in .gif, .mp4 or .html"):
         motion.animate(tmp_path / "film.avi", sketch=drawn)
+    with pytest.raises(vi.InputError, match=r"cannot write .*: there is no folder .*nowhere"):
+        motion.animate(tmp_path / "nowhere" / "film.gif", sketch=drawn)
     with pytest.raises(vi.InputError, match="speed"):
         motion.animate(sketch=drawn, speed=0)
     with pytest.raises(vi.InputError, match="too many"):

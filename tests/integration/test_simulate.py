@@ -11,6 +11,7 @@ import pytest
 from scenes import COMPOSITIONS, double_pendulum, driven_damped, pendulum
 
 import varint as vi
+import varint.multibody as mb
 from varint.discrete.lagrangian import interval
 
 
@@ -344,6 +345,20 @@ def test_values_out_of_range_are_refused(arguments, message):
 def test_what_is_no_system_is_refused():
     with pytest.raises(vi.InputError, match="the first argument must be a varint System, got str"):
         vi.simulate("pendulum", q0=1.0, v0=0.0, h=0.1, steps=5)
+
+
+@pytest.mark.parametrize(
+    ("given", "hint"),
+    [
+        (vi.models.pendulum(), r"Model; give its \.system$"),
+        (mb.Model(), r"Model; give its \.system\(\)$"),
+    ],
+)
+def test_a_model_in_place_of_its_system_is_told_so(given, hint):
+    with pytest.raises(vi.InputError, match=hint):
+        vi.simulate(given, q0=1.0, v0=0.0, h=0.1, steps=5)
+    with pytest.raises(vi.InputError, match=hint):
+        vi.ensemble(given, q0=[[1.0]], v0=[[0.0]], h=0.1, steps=5)
 
 
 def test_a_lagrangian_that_is_not_finite_at_the_start_is_refused_even_if_its_derivatives_are():

@@ -131,3 +131,12 @@ def test_bad_input_is_refused_in_words():
     ):
         with pytest.raises(vi.InputError, match=words):
             work()
+
+
+def test_what_is_shown_of_a_section_counts_as_people_do():
+    q, v = vi.coordinates("x")
+    spring = vi.System(q, v, v**2 / 2 - q**2 / 2)
+    motion = vi.simulate(spring, q0=1.0, v0=0.0, h=0.1, steps=60)
+    falls = {"direction": -1, "show": (q, v)}
+    shown = [repr(vi.orbits.poincare_section(motion, q - place, **falls)) for place in (3.0, 0.0)]
+    assert shown == ["Section(no crossings)", "Section(1 crossing of 1 motion)"]

@@ -193,3 +193,12 @@ def test_parameters_may_have_any_name(name):
         assert vi.simulate(system, q0=0, v0=1, h=1, steps=1, params={name: 3.0}).p[0, 0] == 3.0
         scaled = dict(time_scale=1 + q**2, params={symbol: 3.0})
         assert vi.simulate(system, q0=0, v0=1, h=0.1, steps=2, **scaled).p[0, 0] == 3.0
+
+
+def test_none_is_no_bound_of_a_free_quantity():
+    above, below = vi.free(1.0, 0.01, None), vi.free([1.0, 2.0], None, [None, 3.0])
+    assert (above.lower, above.upper) == (0.01, np.inf)
+    assert (below.lower == -np.inf).all() and below.upper.tolist() == [np.inf, 3.0]
+    for wrong in ((None, 0.0, 1.0), ("1", 0.0, 2.0), (1.0, "0", 2.0)):
+        with pytest.raises(vi.InputError, match=r"takes numbers|needs numbers"):
+            vi.free(*wrong)

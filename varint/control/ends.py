@@ -19,6 +19,7 @@ from varint.control.states import States
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.expressions import column, limits, triples
 from varint.scene.free import Free
+from varint.scene.inputs import float_of
 from varint.scene.parameters import pairs
 from varint.scene.system import System
 
@@ -159,7 +160,7 @@ def _component_bounds(
 
 def _number(what: str, x: Any) -> float:
     return parsed_or_refused(
-        lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}"
+        lambda: float_of(x), lambda: f"{what} must be a number, None or free(…), got {x!r}"
     )
 
 
@@ -180,7 +181,7 @@ def offsets(what: str, value: Any, n: int, names: Sequence[str]) -> np.ndarray:
         else parsed_or_refused(lambda: np.array(value, float).ravel(), lambda: wanted)
     )
     found = parsed_or_refused(
-        lambda: np.array([0.0 if x is None else float(x) for x in entries]), lambda: wanted
+        lambda: np.array([0.0 if x is None else float_of(x) for x in entries]), lambda: wanted
     )
     if found.shape != (n,) or not np.isfinite(found).all():  # a symbol is NaN
         raise InputError(wanted)

@@ -20,6 +20,7 @@ from varint.control.solution import ControlSolution
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError, parsed_or_refused
 from varint.results.trajectory import Trajectory
+from varint.scene.inputs import float_of
 
 KEYS = ("q", "u", "duration")
 Path = Callable[[np.ndarray], np.ndarray]
@@ -67,7 +68,7 @@ def read_guess(phase: CheckedPhase, t0: float) -> Guess:
 
 def _guessed_duration(value: Any) -> float:
     try:
-        duration = float(value)
+        duration = float_of(value)
     except (TypeError, ValueError):
         duration = np.nan
     if not (np.isfinite(duration) and duration > 0):

@@ -11,7 +11,7 @@ from varint.errors import InputError, parsed_or_refused
 from varint.numerics.limits import check_memory
 from varint.rules.rule import Rule, gauss, lobatto, midpoint, trapezoidal
 from varint.scene.free import Free
-from varint.scene.inputs import finite_array, positive_integer
+from varint.scene.inputs import finite_array, float_of, positive_integer
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, given_parameters, parameter_values
 
@@ -49,7 +49,7 @@ def duration_of(value: Any) -> tuple[float, float, float]:
             raise InputError(f"a free duration needs a positive lower bound, got {value}")
         return float(value.guess), float(value.lower), float(value.upper)
     duration = parsed_or_refused(
-        lambda: float(value),
+        lambda: float_of(value),
         lambda: f"the duration must be a number or free(guess, lower, upper), got {value!r}",
     )
     if not (np.isfinite(duration) and duration > 0):

@@ -231,13 +231,16 @@ def film_interval(path: Any, fps: float) -> float:
 
 def film_target(path: Any) -> Path | None:
     """Where a film is to be written; None where it is only shown."""
-    return (
-        None
-        if path is None
-        else parsed_or_refused(
-            lambda: Path(path), lambda: f"path must be the name of a file, got {path!r}"
-        )
+    if path is None:
+        return None
+    target = parsed_or_refused(
+        lambda: Path(path), lambda: f"path must be the name of a file, got {path!r}"
     )
+    if not target.parent.is_dir():
+        raise InputError(
+            f"cannot write {target}: there is no folder {target.parent}; make it before"
+        )
+    return target
 
 
 def _check_trace(trace: Any) -> None:

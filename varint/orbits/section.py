@@ -65,7 +65,11 @@ class Section:
         return len(self.t)
 
     def __repr__(self) -> str:
-        return f"Section({len(self)} crossings of {len(np.unique(self.motion))} motions)"
+        if not len(self):
+            return "Section(no crossings)"
+        motions = len(np.unique(self.motion))
+        many, all_of = ["s" if count > 1 else "" for count in (len(self), motions)]
+        return f"Section({len(self)} crossing{many} of {motions} motion{all_of})"
 
     def of(self, motion: int) -> np.ndarray:
         """The points (k, 2) of one motion, in the order of time."""

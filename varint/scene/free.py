@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import InputError
+from varint.scene.inputs import array_of_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +33,8 @@ def free(guess: Any, lower: Any, upper: Any) -> Free:
     ----------
     guess : float or array
         Where the solver starts.
-    lower, upper : float or array
-        Bounds; infinite ones are allowed except for durations, whose lower bound must be positive.
+    lower, upper : float or array, or None
+        Bounds; None is no bound, as −∞ or ∞. The lower one of a duration must be positive.
 
     Returns
     -------
@@ -51,7 +52,8 @@ def free(guess: Any, lower: Any, upper: Any) -> Free:
     free(2.0, 0.1, 10.0)
     """
     try:
-        values = [np.array(x, dtype=float) for x in (guess, lower, upper)]
+        bounds = _bound(lower, -np.inf), _bound(upper, np.inf)
+        values = [array_of_numbers(x) for x in (guess, *bounds)]
         shape = np.broadcast_shapes(*(x.shape for x in values))
     except (TypeError, ValueError):
         raise InputError(
@@ -71,6 +73,13 @@ def free(guess: Any, lower: Any, upper: Any) -> Free:
     if (x < low).any() or (x > high).any():
         raise InputError(f"free(): the guess {guess!r} lies outside {lower!r} … {upper!r}")
     return Free(x, low, high)
+
+
+def _bound(given: Any, without: float) -> Any:
+    """A bound, or several; where None is given, the infinity that is none."""
+    if isinstance(given, (list, tuple)):
+        return [_bound(x, without) for x in given]
+    return without if given is None else given
 
 
 def window(value: float | Free) -> tuple[float, float, float]:

@@ -30,7 +30,7 @@ def shown(x: Any) -> str:
 def finite_array(what: str, value: Any) -> np.ndarray:
     """value as an array of finite numbers; words are none, even of digits."""
     array = parsed_or_refused(
-        lambda: _array_of_numbers(value),
+        lambda: array_of_numbers(value),
         lambda: f"{what} must be a number or an array of numbers, got {shown(value)}",
     )
     if not np.isfinite(array).all():
@@ -38,7 +38,7 @@ def finite_array(what: str, value: Any) -> np.ndarray:
     return array
 
 
-def _array_of_numbers(value: Any) -> np.ndarray:
+def array_of_numbers(value: Any) -> np.ndarray:
     """value as an own array; a TypeError where it holds words or complex numbers."""
     array = np.array(value)
     if array.dtype.kind in "SUc":
@@ -73,13 +73,20 @@ def _depends(u: Any) -> bool:
     return callable(u) or (isinstance(u, (ca.SX, ca.MX)) and not u.is_constant())
 
 
+def float_of(x: Any) -> float:
+    """x as a float; a TypeError where it is a word, even of digits."""
+    if isinstance(x, (str, bytes, bytearray)):
+        raise TypeError
+    return float(x)
+
+
 def number(what: str, x: Any) -> float:
     """x as a finite number; words are none, even of digits."""
     complaint = f"{what} must be a number, got "
-    if isinstance(x, (str, bytes, bytearray)):
-        raise InputError(complaint + shown(x))
     value = (
-        x if type(x) is float else parsed_or_refused(lambda: float(x), lambda: complaint + shown(x))
+        x
+        if type(x) is float
+        else parsed_or_refused(lambda: float_of(x), lambda: complaint + shown(x))
     )
     if not math.isfinite(value):
         raise InputError(f"{what} must be finite, got {x!r}")
@@ -114,7 +121,7 @@ def guesses_of(starts: Any) -> list[Any]:
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
     """x as n finite numbers."""
     value = parsed_or_refused(
-        lambda: _array_of_numbers(x),
+        lambda: array_of_numbers(x),
         lambda: f"{what} must be {n} numbers, one for each of {list(names)}, got {shown(x)}",
     )
     if value.ndim == 0 and n == 1:
@@ -135,7 +142,7 @@ def times_of(t: Any) -> np.ndarray:
     if type(t) is np.ndarray and t.dtype is FLOAT and t.ndim == 1 and t.size:
         return t
     times = parsed_or_refused(
-        lambda: np.atleast_1d(_array_of_numbers(t)),
+        lambda: np.atleast_1d(array_of_numbers(t)),
         lambda: f"a time or several (k,) must be given, got {shown(t)}",
     )
     if times.ndim > 1 or not times.size:

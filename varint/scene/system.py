@@ -403,4 +403,9 @@ def _system_of(text: str) -> System:
 def require_system(x: Any) -> None:
     """Refuse what is no system where one is expected."""
     if not isinstance(x, System):
-        raise InputError(f"the first argument must be a varint System, got {type(x).__name__}")
+        held = getattr(x, "system", None)  # of a model, a machine or a motion
+        hint = "; give its .system" if isinstance(held, System) else ""
+        hint = "; give its .system()" if callable(held) else hint
+        raise InputError(
+            f"the first argument must be a varint System, got {type(x).__name__}{hint}"
+        )
