@@ -403,9 +403,7 @@ def _system_of(text: str) -> System:
 def require_system(x: Any) -> None:
     """Refuse what is no system where one is expected."""
     if not isinstance(x, System):
-        held = getattr(x, "system", None)  # of a model, a machine or a motion
-        hint = "; give its .system" if isinstance(held, System) else ""
-        hint = "; give its .system()" if callable(held) else hint
-        raise InputError(
-            f"the first argument must be a varint System, got {type(x).__name__}{hint}"
-        )
+        held = getattr(x, "system", None)  # of a model or a motion; a machine makes one
+        way = "; give its .system" if held else ""
+        way += "()" if callable(held) else ""
+        raise InputError(f"the first argument must be a varint System, got {type(x).__name__}{way}")
