@@ -97,3 +97,30 @@ def test_a_drive_that_nothing_answers_is_said_to_have_no_orbit():
     wheel = vi.System(q, v, v**2 / 2, force=1 + ca.cos(t) - 0.01 * v, t=t)
     with pytest.raises(vi.ConvergenceError, match="no periodic orbit"):
         orbits.periodic(wheel, ([0.0], [0.0]), period=2 * np.pi)
+
+
+@pytest.mark.parametrize("period", [2.0, 4.0, 7.0, 6.28])
+def test_a_period_that_is_none_of_the_drive_is_refused(period):
+    """Newton's method closes one such period, behind which the motion leaves."""
+    scene = duffing(lambda omega, t: ca.cos(omega * t))
+    with pytest.raises(vi.InputError, match="not the same that much later.*multiple of it"):
+        orbits.periodic(scene, ([0.4], [0.0]), period=period, params=dict(omega=1.0))
+    for many in (1, 3):
+        found = orbits.periodic(
+            scene, ([0.4], [0.0]), period=2 * np.pi * many, params=dict(omega=1.0)
+        )
+        assert found.residual < 1e-12
+
+
+def test_drives_that_change_a_lagrangian_by_a_total_derivative_repeat():
+    """(t³/3)' = t² is felt by nothing, t x' by momenta, which do not repeat with it."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    plain = v**2 / 2 - q**2
+    kept = vi.System(q, v, plain + q * ca.cos(t) + t**2, t=t)
+    assert orbits.periodic(kept, ([0.5], [0.0]), period=2 * np.pi).q0 == pytest.approx(1.0)
+    lost = vi.System(q, v, plain + q * ca.cos(t) + t * v, t=t)
+    with pytest.raises(vi.InputError, match="momenta or forces"):
+        orbits.periodic(lost, ([0.5], [0.0]), period=2 * np.pi)
+    turning = vi.System(q, v, v**2 / 2 + 0.1 * ca.cos(q - t), t=t)  # seen from what turns, at rest
+    rolled = orbits.periodic(turning, ([0.1], [1.0]), period=2 * np.pi, turns={"x": 1})
+    assert rolled.v0 == pytest.approx(1.0)

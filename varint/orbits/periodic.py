@@ -21,6 +21,7 @@ from varint.orbits.correct import (
     no_row,
     period_row,
 )
+from varint.orbits.drive import require_repeats
 from varint.orbits.guess import Guess, guess_of, prepared
 from varint.orbits.nearer import nearer
 from varint.orbits.orbit import Orbit
@@ -86,7 +87,8 @@ def periodic(
         some hundred steps a period.
     period : float, optional
         The period, which is held. With `energy`, or where nothing is conserved, it is the first
-        guess. Default: the duration of a guess that is a motion.
+        guess. Default: the duration of a guess that is a motion. In scenes that depend on time a
+        period of theirs, or a multiple of it.
     energy : float, optional
         The energy, which is held.
     params : dict, optional
@@ -113,7 +115,8 @@ def periodic(
     Raises
     ------
     InputError
-        If the guess or what is held makes no sense.
+        If the guess or what is held makes no sense, or a scene that depends on time is not the
+        same after the period.
     ConvergenceError
         If Newton's method does not come to an orbit, or only to an equilibrium.
 
@@ -168,7 +171,9 @@ def _checked(
     """The guess, of a scene that has orbits."""
     require_system(system)
     refuse_scene(system)
-    return guess_of(system, guess, period, params, number("t0", t0), turns)
+    first = guess_of(system, guess, period, params, number("t0", t0), turns)
+    require_repeats(system, first)
+    return first
 
 
 def orbit_near(
