@@ -103,7 +103,7 @@ def test_a_drive_that_nothing_answers_is_said_to_have_no_orbit():
 def test_a_period_that_is_none_of_the_drive_is_refused(period):
     """Newton's method closes one such period, behind which the motion leaves."""
     scene = duffing(lambda omega, t: ca.cos(omega * t))
-    with pytest.raises(vi.InputError, match="not the same that much later.*multiple of it"):
+    with pytest.raises(vi.InputError, match=r"not the same that much later.*multiple of it"):
         orbits.periodic(scene, ([0.4], [0.0]), period=period, params=dict(omega=1.0))
     for many in (1, 3):
         found = orbits.periodic(

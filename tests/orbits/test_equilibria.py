@@ -218,3 +218,28 @@ def test_torn_files_of_equilibria_are_refused(tmp_path):
             write_archive(file, header, arrays | change, compress=True)
         with pytest.raises(vi.InputError):
             vi.load(tmp_path / "torn.npz")
+
+
+@pytest.mark.parametrize("box", [(-1, 1), (-2, 1), (-0.5, 3), (-10, 10)])
+def test_places_without_stiffness_are_one_and_never_called_stable(box):
+    """Newton's method comes near them, to some stiffness of either sign."""
+    q, v = vi.coordinates("x")
+    cube = q**3 - 3 * q**2 + 3 * q - 1  # (x − 1)³, where last digits decide
+    for potential in (q**3 / 3, -(q**3) / 3, 5 * q**3, q**5, q**6, cube):
+        found = orbits.equilibria(vi.System(q, v, v**2 / 2 - potential), box=[box], starts=30)
+        assert [words.split(":")[0] for words in found.verdicts] == ["neutral"]
+    soft = vi.System(q, v, v**2 / 2 - q**3 - 1e-6 * q**2)
+    words = [x.split(":")[0] for x in orbits.equilibria(soft, box=[box], starts=30).verdicts]
+    assert sorted(words) == ["stable", "unstable"]
+
+
+def test_lines_of_equilibria_are_given_once():
+    q, v = vi.coordinates("x", "y")
+    free = orbits.equilibria(vi.System(q, v, ca.sumsqr(v) / 2), box=[(-1, 1), (-1, 1)])
+    assert [x.split(":")[0] for x in free.verdicts] == ["neutral"]
+    flat = vi.System(q, v, ca.sumsqr(v) / 2 - q[0] ** 2 - q[1] ** 4)
+    assert len(orbits.equilibria(flat, box=[(-1, 1), (-1, 1)])) == 1
+    cart = ca.sumsqr(v) / 2 + v[0] * v[1] * ca.cos(q[1]) / 2 + ca.cos(q[1])
+    found = orbits.equilibria(vi.System(q, v, cart), box=[(-1, 1), (-1, 4)])
+    assert np.round(found[0].q[1], 9) == 0 and np.round(found[1].q[1], 9) == round(np.pi, 9)
+    assert [x.split(":")[0] for x in found.verdicts] == ["stable", "unstable"]

@@ -12,14 +12,15 @@ import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.orbits.modes import NormalModes, normal_modes
-from varint.orbits.oscillations import is_regular, linearised
-from varint.orbits.rest import Equilibrium, require_restful, rest
+from varint.orbits.oscillations import is_degenerate, is_regular, linearised
+from varint.orbits.rest import Equilibrium, left_at, require_restful, rest
 from varint.orbits.resting import EQUILIBRIA, save_equilibria
 from varint.scene.inputs import finite_array, generator, positive_integer, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
 
 SAME = 1e-7  # of the coordinates: equilibria this close are one
+JOINED = 1e-9  # of the forces in the box: those along which equilibria go on
 TINY = 1e-12  # coordinates and energies that are printed as 0
 
 
@@ -111,7 +112,8 @@ def equilibria(
     box : dict of pairs, or array (n, 2), optional
         Lower and upper bounds of the coordinates, ``{"theta": (-4, 4)}``, in which to look from
         `starts` random configurations; coordinates left out of a dictionary are 0 at the start and
-        unbounded. What is found is complete only as far as the starts reach.
+        unbounded. What is found is complete only as far as the starts reach; of equilibria that
+        go on along a straight line one is given.
     starts, seed : int
     params : dict, optional
         Parameter values that differ from the defaults, by name or symbol.
@@ -153,10 +155,11 @@ def equilibria(
     low, high = _bounds(system, box)
     many, random = positive_integer("starts", starts), generator(seed)
     inside = np.isfinite(low) & np.isfinite(high)
-    found, failure = [], None
-    for _ in range(many):
-        start = np.zeros(len(low))
+    places = np.zeros((many, len(low)))
+    for start in places:
         start[inside] = random.uniform(low[inside], high[inside])
+    found, failure = [], None
+    for start in places:
         try:
             one = rest(system, start, c)
         except ConvergenceError as error:
@@ -172,7 +175,29 @@ def equilibria(
             time=0.0,
             residual=float("nan"),
         )
-    return _sorted(found)
+    return _sorted(_apart(list(_sorted(found)), places))
+
+
+def _apart(found: list[Equilibrium], places: np.ndarray) -> list[Equilibrium]:
+    """One of those that go on along a direction without stiffness, the best balanced, and all
+    others.
+    """
+    loose = [one for one in found if is_degenerate(one)]
+    if len(loose) < 2:
+        return found
+    forces = np.abs([left_at(loose[0], q) for q in places])
+    size = JOINED * np.median(forces[np.isfinite(forces).all(axis=1)], axis=0)
+    kept: list[Equilibrium] = []
+    for one in sorted(loose, key=lambda x: float(np.abs(left_at(x, x.q)).max())):
+        if not any(_are_joined(one, other, size) for other in kept):
+            kept.append(one)
+    return [one for one in found if one in kept or one not in loose]
+
+
+def _are_joined(one: Equilibrium, other: Equilibrium, size: np.ndarray) -> bool:
+    """Whether nothing drives anywhere on the line between them."""
+    between = np.linspace(one.q, other.q, 7)
+    return all(bool((np.abs(left_at(one, q)) <= size).all()) for q in between)
 
 
 def _sorted(found: list[Equilibrium]) -> Equilibria:

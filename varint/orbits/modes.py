@@ -101,6 +101,8 @@ class NormalModes:
             return "asymptotically stable: every motion about it decays" if calm else "neutral"
         if self.neutral:
             return "neutral: to first order it may drift away"
+        if not len(self):
+            return "neutral: nothing moves about it but along the symmetries"
         if self.definite:
             return "stable: the energy is definite there (Lagrange–Dirichlet)"
         return "linearly stable: the energy is indefinite, beyond the linear motion all is open"

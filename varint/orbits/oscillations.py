@@ -17,7 +17,7 @@ from varint.orbits.phase import (
     state_of,
 )
 from varint.orbits.reduction import Reduced, reduce, signature
-from varint.orbits.rest import Equilibrium
+from varint.orbits.rest import Equilibrium, left_at, round_off_at
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
@@ -25,6 +25,8 @@ ZERO = 1e-7  # of the fastest rate: those of neutral modes, which round-off make
 FREE = 1e-9  # relative: singular values of independent constraints
 TOGETHER = 1e-6  # of the fastest rate: exponents this close count as one
 SINGULAR = 1e-13  # of the largest singular value: a direction without mass
+UNSURE = 0.1  # of a stiffness: what it changes by within the error of the place, where it has none
+FARTHER = 4.0  # steps of Newton's method to a place where several meet, one being too short
 AWAY = 0.1  # of the coordinates, or of 1: how far elsewhere is
 
 
@@ -40,19 +42,67 @@ class Linearised(NamedTuple):
 
 
 def linearised(at: Equilibrium) -> Linearised:
-    """The linear equations about an equilibrium."""
-    n = at.system.structure.n
-    flat = call(_second_derivatives(at.system), at.q, at.multipliers, at.c)
-    mass, mixed, stiff, by_v, rows = (x.reshape(n, -1).T for x in flat)
+    """The linear equations about an equilibrium; stiffness that is none but for the error of the
+    place left out.
+    """
+    mass, mixed, stiff, by_v, rows = _matrices(at, at.q)
+    n = len(at.q)
     tangents = np.eye(n)
     if len(rows):
         size = np.linalg.norm(rows, axis=1, keepdims=True)
         _, values, right = np.linalg.svd(rows / np.where(size > 0, size, 1.0))
         tangents = right[int((values > FREE * values.max(initial=0.0)).sum()) :].T
     z = tangents
-    return Linearised(
-        z.T @ mass @ z, z.T @ (mixed - mixed.T - by_v) @ z, z.T @ stiff @ z, z, mass, mixed
-    )
+    sure = _sure(at, z.T @ stiff @ z, z.T @ mass @ z, z)
+    return Linearised(z.T @ mass @ z, z.T @ (mixed - mixed.T - by_v) @ z, sure, z, mass, mixed)
+
+
+def is_degenerate(at: Equilibrium) -> bool:
+    """Whether some direction has no stiffness, so that equilibria may go on along it."""
+    if at.system.structure.nonholonomic:
+        return False
+    linear = linearised(at)
+    own = _own(linear.mass)
+    scaled = linear.stiffness / np.outer(own, own)
+    if not scaled.size or not np.isfinite(scaled).all():
+        return False
+    values = np.linalg.svd(scaled, compute_uv=False)
+    return bool((values <= SINGULAR * values.max(initial=0.0)).any())
+
+
+def _own(mass: np.ndarray) -> np.ndarray:
+    """Roots of the masses, by which stiffness is measured."""
+    own = np.sqrt(np.abs(np.diag(mass)))
+    return np.where(own > 0, own, 1.0)
+
+
+def _sure(at: Equilibrium, stiff: np.ndarray, mass: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """The stiffness, zero along directions in which it changes within the error of the place: at a
+    degenerate one, as of U = x³, Newton's method comes to where it is small, of either sign.
+    """
+    if not stiff.size or not np.isfinite(stiff).all():
+        return stiff
+    own = _own(mass)
+    scaled = stiff / np.outer(own, own)
+    left, values, right = np.linalg.svd(scaled)
+    forces = z.T @ left_at(at, at.q) / own
+    noise = np.abs(z.T) @ round_off_at(at) / own
+    for u, value, along in zip(left.T, values, right, strict=True):
+        if value <= SINGULAR * values[0]:
+            continue
+        off = max(abs(float(u @ forces)), float(np.abs(u) @ noise)) * FARTHER / value
+        for q in (at.q + off * (z @ (along / own)), at.q - off * (z @ (along / own))):
+            there = z.T @ _matrices(at, q)[2] @ z / np.outer(own, own)
+            if not abs(u @ there @ along - value) <= UNSURE * value:
+                stiff = stiff - value * np.outer(u * own, along * own)
+                break
+    return stiff
+
+
+def _matrices(at: Equilibrium, q: np.ndarray) -> list[np.ndarray]:
+    """M, ∂p/∂q, −∂²(L + λ·g)/∂q² − ∂F/∂q, ∂F/∂v and G at rest at some place."""
+    flat = call(_second_derivatives(at.system), q, at.multipliers, at.c)
+    return [x.reshape(len(q), -1).T for x in flat]
 
 
 @per_system
@@ -147,7 +197,7 @@ def modes_at(at: Equilibrium) -> Modes:
     size = np.where(size > 0, size, 1.0)
     spread = np.linalg.eigvalsh((inner + inner.T) / 2 / np.outer(size, size))
     sure = 1e-12 * float(np.abs(spread).max(initial=0.0))
-    definite = bool((spread > sure).all() or (spread < -sure).all())
+    definite = bool(len(spread)) and bool((spread > sure).all() or (spread < -sure).all())
     return Modes(values[kept], shapes, tuple(signs), definite, neutral)
 
 

@@ -18,6 +18,7 @@ from varint.scene.system import System, parameters_by_name, require_system
 RANK = 1e-11  # of the largest singular value: directions along which equilibria go on
 MOST_ITERATIONS, HALVINGS = 60, 12
 FINE = 1e-14  # of the coordinates: corrections that are round-off
+LOOKS, LAST = 8, 1000.0  # places at which round-off is looked at, and how many last digits away
 BALANCED = 1e-9  # of the forces' own sizes: what is left where all balance
 
 
@@ -135,6 +136,24 @@ def rest(system: System, q: np.ndarray, c: np.ndarray, held: Held | None = None)
         )
     forces(x)
     return Equilibrium(system, x[:n], x[n : n + rows], values.copy(), residual)
+
+
+def left_at(at: Equilibrium, q: np.ndarray) -> np.ndarray:
+    """What is left of the forces at some place with the reactions of an equilibrium, (n,)."""
+    left: np.ndarray = call(_balance(at.system), q, at.multipliers, at.c, np.zeros(0))[0]
+    return left[: len(q)]
+
+
+def round_off_at(at: Equilibrium) -> np.ndarray:
+    """How much the forces change from one last digit of the coordinates to others, (n,)."""
+    here, digit = left_at(at, at.q), np.spacing(np.abs(at.q))
+    moved = [
+        at.q + LAST * digit * np.sin(k * k + 1.7 * k * np.arange(1, len(digit) + 1))
+        for k in range(1, LOOKS + 1)
+    ]
+    changes = [np.abs(left_at(at, q) - here) for q in moved]
+    found: np.ndarray = np.max(changes, axis=0)
+    return found
 
 
 @per_system
