@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import casadi as ca
@@ -9,13 +10,14 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.orbits.equilibria import Equilibria
-from varint.orbits.rest import Held, rest
+from varint.orbits.rest import Equilibrium, Held, rest
 from varint.scene.inputs import number, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values, require_system
 from varint.symmetry.symmetry import Symmetry
 
 RATE = "rate"
+FAR = 0.5  # of the guess or of what was found: one that lies this far off may be another
 
 
 def corotating(system: System, symmetry: Symmetry, rate: float = 0.0) -> System:
@@ -147,8 +149,23 @@ def relative_equilibria(
         turn = turning.c[-1]
         speed = ca.substitute(symmetry.quantity, system.v, system.v + turn * symmetry.xi)
         held = Held(speed, number("momentum", momentum), len(c) - 1)
-    rows = np.asarray(guess, dtype=float)
-    rows = rows.reshape(1, -1) if rows.ndim < 2 else rows
+    given = np.asarray(guess, dtype=float)
+    given = given.reshape(1, -1) if given.ndim < 2 else given
     n = system.structure.n
-    found = [rest(turning, vector("guess", row, n, system.names), c, held) for row in rows]
+    rows = [vector("guess", row, n, system.names) for row in given]
+    found = [rest(turning, row, c, held) for row in rows]
+    for one, row in zip(found, rows, strict=True):
+        _warn_if_far(one, row)
     return Equilibria(tuple(sorted(found, key=lambda x: x.energy)))
+
+
+def _warn_if_far(found: Equilibrium, guess: np.ndarray) -> None:
+    """Say so where it is another one than the guess may have meant."""
+    away = float(np.linalg.norm(found.q - guess))
+    if away > FAR * float(max(np.linalg.norm(found.q), np.linalg.norm(guess))):
+        warnings.warn(
+            f"the relative equilibrium that was found, {found!r}, lies {away:.2g} from the guess "
+            f"{guess}: Newton's method may have come to another one than was meant; look at it, or "
+            "start nearer, as from one of a rate or momentum that differs a little",
+            stacklevel=3,
+        )

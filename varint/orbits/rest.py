@@ -106,6 +106,10 @@ def rest(system: System, q: np.ndarray, c: np.ndarray, held: Held | None = None)
         return left, slope.reshape(len(x), -1).T, size
 
     left, slope, size = forces(x)
+    if rows and np.isfinite(left).all() and np.isfinite(slope).all():
+        # the reactions that balance best: from none Newton's method goes far off
+        x[n : n + rows] = np.linalg.lstsq(slope[:n, n : n + rows], -left[:n], rcond=RANK)[0]
+        left, slope, size = forces(x)
     if not (np.isfinite(left).all() and np.isfinite(slope).all()):
         raise InputError(
             f"the forces or their derivatives are not finite at q={q}: start elsewhere"
