@@ -313,3 +313,17 @@ def test_the_straight_orbit_of_henon_and_heiles_bifurcates_where_it_is_published
     passes = [6 * one.value for one in found.bifurcations if one.kind == "branch point"]
     assert passes[:2] == pytest.approx([0.969309, 0.986709], abs=6e-7)
     assert np.abs(found[-1].motion.q[:, 0]).max() < 1e-9
+
+
+def test_orbits_are_drawn_as_curves_between_their_nodes():
+    q, v = vi.coordinates("x", "y")
+    hill = ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2 - q[0] ** 2 * q[1] + q[1] ** 3 / 3
+    bowl = vi.System(q, v, hill)
+    orbit = orbits.periodic(bowl, ([0.0, 0.45], [0.3, 0.0]), period=6.0, energy=1 / 8)
+    x, y = np.array(orbit.plot().axes[0].lines[0].get_data())
+    chords = np.diff(np.array([x, y]), axis=1)
+    turned = np.abs(np.diff(np.unwrap(np.arctan2(chords[1], chords[0]))))
+    assert len(x) > 400 and turned.max() < 0.05
+    near = orbit.motion.at(orbit.motion.t[0] + orbit.period * np.array([0.31, 0.77])).q
+    apart = [np.hypot(x - a, y - b).min() for a, b in near]
+    assert max(apart) < 0.5 * np.hypot(*chords).max()

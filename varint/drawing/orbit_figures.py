@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.drawing.curves import curve_of
 from varint.drawing.style import COLOURS, handed_over, label, name_axes, thinned_indices
 from varint.results.trajectory import Trajectory
 
@@ -126,7 +127,7 @@ def _names(motion: Trajectory, i: int, j: int) -> tuple[str, str]:
 
 
 def _curve(axes: Axes, motion: Trajectory, i: int, j: int, colour) -> None:
-    names = motion.system.names
+    names, motion = motion.system.names, curve_of(motion)
     if j > 0 and names[0] == "x1" and "y1" in names:  # many bodies in the plane
         for k, name in enumerate(names):
             if name.startswith("x") and (other := f"y{name[1:]}") in names:
