@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from varint.results.trajectory import Trajectory
 
 LAST = 3  # iterations: a strict minimum needs no regularisation near the solution
-
 SEEN = 1e-4  # of the cost: less curvature is nearly flat, and may be the rule's own
 
 

@@ -54,16 +54,15 @@ def _fractional(system: System) -> Fractional | None:
     assert frozen is not None
     s = frozen.system
     inputs, moving = [s.q, s.v, s.t, s.c], ca.vertcat(s.q, s.v, s.t)
-    outputs = [s.lagrangian, ca.densify(s.force)]
-    nodes, (lagrangian, _) = operations_of(ca.Function("scene", inputs, outputs))
-    values, of_lagrangian = values_of(nodes, inputs), _used_by(nodes, lagrangian.nodes)
     bases, orders = list[ca.SX](), list[float]()
-    for i, (name, *taken) in enumerate(nodes):
-        exponent = 0.5 if name == "sqrt" else _exponent(nodes, name, taken)
-        if exponent is None or not ca.depends_on(values[taken[0]], moving):
-            continue
-        bases.append(values[taken[0]])
-        orders.append(exponent + (0 if i in of_lagrangian else 1) - SPARED)
+    for part, more in ((s.lagrangian, 0.0), (ca.densify(s.force), 1.0)):
+        nodes = operations_of(ca.Function("part", inputs, [part])).nodes
+        values = values_of(nodes, inputs)
+        for name, *taken in nodes:
+            exponent = 0.5 if name == "sqrt" else _exponent(nodes, name, taken)
+            if exponent is not None and ca.depends_on(values[taken[0]], moving):
+                bases.append(values[taken[0]])
+                orders.append(exponent + more - SPARED)
     if not bases:
         return None
     row = ca.densify(ca.horzcat(*bases))
@@ -78,16 +77,3 @@ def _exponent(nodes: list[tuple], name: str, taken: list[int]) -> float | None:
     if kind != "const":
         return 1.0
     return None if float(value[0]).is_integer() else float(value[0])
-
-
-def _used_by(nodes: list[tuple], roots: Sequence[int]) -> set[int]:
-    """All nodes that some depend on."""
-    found, left = set[int](), list(roots)
-    while left:
-        i = left.pop()
-        if i in found:
-            continue
-        found.add(i)
-        name, *taken = nodes[i]
-        left += [] if name in ("const", "input") else taken
-    return found

@@ -167,7 +167,8 @@ def _refined(
         apart, growth = apart_from(course, before[1], pieces, motion, scales)
         most = min(most, order_at_switches(course, pieces))
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
-            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), most)
+            order = max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5)
+        order = None if order is None else min(order, most)
         left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
         rounded = least_resolved(motion, len(pieces), scales)
         estimate = max(apart * left / (1 - left), rounded, course.left)
@@ -200,7 +201,7 @@ def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | 
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
     end = course.problem.t0 + course.problem.h
-    course.reached = 0.0
+    course.reached = course.left = 0.0
     for some in follow(course, parts):
         if some is None:
             return None
