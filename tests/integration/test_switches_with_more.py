@@ -11,7 +11,7 @@ from machines import plane_chain
 from scipy.integrate import solve_ivp
 
 import varint as vi
-from varint.integration.switches import switched_run
+from varint.integration.switches import runs
 from varint.integration.switches.frozen import frozen_scene
 from varint.multibody.kinematics import body_rates
 from varint.multibody.rotations import quaternion_rate
@@ -275,7 +275,7 @@ def test_a_checkpoint_holds_a_run_with_switches_once_it_has_ended(tmp_path, monk
     call = dict(q0=1.5, v0=0.0, duration=8.0, events={"down": scene.q})
     whole = vi.simulate(scene, **call)
     first = vi.simulate(scene, **call, checkpoint=path)
-    monkeypatch.setattr(switched_run, "follow", None)  # no step is taken any more
+    monkeypatch.setattr(runs, "follow", None)  # no step is taken any more
     again = vi.simulate(scene, **call, checkpoint=path)
     for name in ("t", "q", "p", "v", "sizes"):
         assert (getattr(first, name) == getattr(whole, name)).all()

@@ -75,8 +75,8 @@ def which_moves(branch: Branch) -> Branch:
 
 class Piece(NamedTuple):
     """A smooth piece of the motion: its branch, size and number of the steps it was begun with, its
-    nodes with that of the switch it ends at, (q, p, v) there, (N + 1, 3, n), and what contacts do
-    where it begins.
+    nodes with that of the switch it ends at, (q, p, v) there, (N + 1, 3, n), what contacts do where
+    it begins, and whether its steps are even, but for the last.
     """
 
     branch: Branch
@@ -87,3 +87,4 @@ class Piece(NamedTuple):
     iterations: int
     residual: float
     events: tuple[Event, ...] = ()
+    even: bool = True

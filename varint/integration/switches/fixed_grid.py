@@ -15,7 +15,7 @@ from varint.integration.switches.course import Course, kernel_in
 from varint.integration.switches.follow import first_unit
 from varint.integration.switches.joined import joined
 from varint.integration.switches.passage import EDGE
-from varint.integration.switches.switched_run import possible, run_pieces
+from varint.integration.switches.runs import possible, run_pieces
 from varint.integration.switches.timetable import timetable
 from varint.integration.switches.watching import with_events
 from varint.integration.switches.within_rows import of_users_scene, rows_written_out, written_out

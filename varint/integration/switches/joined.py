@@ -34,8 +34,8 @@ def piece_motion(course: Course, piece: Piece) -> Trajectory:
     """A piece as a motion of the scene of its branch."""
     scene = scene_in(course.system, piece.branch)
     assert scene is not None
-    k = np.arange(len(piece.t))
-    if k[-1] < piece.steps or abs(piece.t[-1] - piece.t[0]) < abs(piece.h) * (k[-1] - 0.5):
+    k, within = np.arange(len(piece.t)), abs(piece.h) * (len(piece.t) - 1.5)
+    if piece.even and (k[-1] < piece.steps or abs(piece.t[-1] - piece.t[0]) < within):
         k[-1] -= 1  # the switch lies within the step
     motion = Trajectory(
         system=scene.system,
@@ -48,6 +48,7 @@ def piece_motion(course: Course, piece: Piece) -> Trajectory:
         u=np.empty((piece.steps, 1, 0)),
         c=all_parameters(course.problem.c, piece.branch),
         functions=steps_again(course.rule),
+        sizes=None if piece.even else np.diff(piece.t),
         origin=float(piece.t[0]),
     )
     motion.__dict__["v"] = piece.states[:, 2]

@@ -45,7 +45,7 @@ def next_piece(
     number of steps may be given.
     """
     c, span = all_parameters(course.problem.c, branch), until - start.t
-    kernel = _kernel(course, scene, branch)
+    kernel = loop_of(course, scene, branch)
     if kernel is None:
         return None
     unit = min(unit_of(course, branch, start), shortest)
@@ -125,7 +125,8 @@ def _block(
     return None if part is None else (part, found)
 
 
-def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
+def loop_of(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
+    """The loop in C of a branch; None where there is none."""
     which = which_moves(branch)
     if which not in course.kernels:
         course.kernels[which] = kernel_of(scene.system, course.rule, course.backend)

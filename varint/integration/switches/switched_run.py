@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,21 +15,22 @@ from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.hidden import missed_impulse
-from varint.integration.plan import default_rule, plan
+from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.round_off import GROWS, parted, with_other_digits
 from varint.integration.rule_choice import choose_rule, phase_error
-from varint.integration.switches.branch import slidable, slope_size
+from varint.integration.switches.by_rate import by_rate
 from varint.integration.switches.compared import apart_from, least_resolved, untold
 from varint.integration.switches.course import Course, Piece, kernel_in
-from varint.integration.switches.follow import first_unit, follow
+from varint.integration.switches.follow import first_unit
 from varint.integration.switches.fractional import order_at_switches
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined
 from varint.integration.switches.piece import ANGLE
+from varint.integration.switches.runs import possible, rules_for, run_pieces
 from varint.integration.switches.timetable import timetable
-from varint.integration.switches.watching import cut_among, with_events
+from varint.integration.switches.watching import with_events
 from varint.integration.switches.within_rows import (
     of_users_scene,
     rows_written_out,
@@ -40,7 +40,7 @@ from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.two_runs import FLOOR
 from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule, gauss, lobatto
+from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
 FOLLOWING = "following the motion from switch to switch"
@@ -48,10 +48,8 @@ FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that lead no farther, after which it is given up
 FARTHER = 0.01  # of the duration
 MOST_DOUBLINGS = 4  # of the steps at a time
+LEAST_ORDER = 0.5  # that differences of runs are believed to have
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
-STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
-# operations of the slopes of what holds, beyond which a loop of many unknowns takes long to write
-LARGE = 1000
 
 
 def choose_switched_steps(
@@ -78,13 +76,9 @@ def choose_switched_steps(
     course = Course(system, rule or list(rules)[-1], problem, table, options.backend, tol=tol)
     with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
         course.say = say
-        unit = first_unit(course)
-        if unit is None:
-            return None
-        radians = ANGLE * abs(total) / unit
-        if rule is None:
-            course.rule = choose_rule(rules, radians, tol)
-        found = _refined(course, radians, tol, options.scale, stop)
+        found = by_rate(course, options, tol, stop)
+        if found is None:
+            found = _by_units(course, None if rule else rules, tol, options.scale, stop)
         if found is None:
             return None
         choice, pieces = found
@@ -94,37 +88,17 @@ def choose_switched_steps(
         return replace(choice, motion=_every(motion, options.save_every))
 
 
-def possible(
-    system: System, rule: Rule | None, problem: InitialValueProblem, options: RunOptions
-) -> bool:
-    """Whether steps may end at switches, as far as the scene and what is asked tell."""
-    if frozen_scene(system) is None:
-        return False
-    made, known = (lobatto if _held(system) else gauss), list(rules_for(system))
-    if not system.structure.nonholonomic:
-        known = [made(k) for k in range(2 if made is lobatto else 1, 9)]
-    rows = () if problem.active_set is None else problem.active_set.rows
-    return (
-        not (system.structure.contacts and system.structure.nonholonomic)
-        and len(rows) == system.structure.constraints
-        and (rule is None or rule in known)
-        and options.backend != "interpreted"
-    )
-
-
-def _held(system: System) -> bool:
-    """Whether constraints hold the motion, or contacts may."""
-    return bool(system.structure.constraints or system.structure.contacts)
-
-
-def rules_for(system: System) -> dict[Rule, float]:
-    """Rules that the pieces may be stepped by, with the work of a step."""
-    if system.structure.nonholonomic:
-        return {default_rule(system): 1.0}
-    if _held(system):
-        few = max((slope_size(system, j) for j in slidable(system)), default=0) > LARGE
-        return {lobatto(k): (k - 1) ** 1.5 for k in (NODES[:1] if few else NODES)}
-    return {gauss(k): 5.0 * k / min(k, 4) for k in STAGES}
+def _by_units(
+    course: Course, rules: dict[Rule, float] | None, tol: float, scale: Any, stop: Watch | None
+) -> tuple[Choice, list[Piece]] | None:
+    """By the cheapest of rules, where they are left open, with equal steps on each branch."""
+    unit = first_unit(course)
+    if unit is None:
+        return None
+    radians = ANGLE * abs(course.problem.h) / unit
+    if rules is not None:
+        course.rule = choose_rule(rules, radians, tol)
+    return _refined(course, radians, tol, scale, stop)
 
 
 def _refined(
@@ -165,9 +139,10 @@ def _refined(
             before, last, parts = (parts, pieces), math.inf, 2 * parts
             continue
         apart, growth = apart_from(course, before[1], pieces, motion, scales)
-        most = min(most, order_at_switches(course, pieces))
+        if apart < NO_DIGITS:  # a lost run says nothing of where powers begin
+            most = max(min(most, order_at_switches(course, pieces)), LEAST_ORDER)
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
-            order = max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5)
+            order = max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), LEAST_ORDER)
         order = None if order is None else min(order, most)
         left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
         rounded = least_resolved(motion, len(pieces), scales)
@@ -195,24 +170,6 @@ def _refined(
     if growth >= GROWS and not grown:
         estimate = max(estimate, _by_round_off(course, *latest, stop, estimate, tol))
     return replace(best[0], estimate=estimate, runs=runs), best[1]
-
-
-def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
-    """The pieces until the end or the stop; None where the motion cannot be followed so."""
-    pieces: list[Piece] = []
-    end = course.problem.t0 + course.problem.h
-    course.reached = course.left = 0.0
-    for some in follow(course, parts):
-        if some is None:
-            return None
-        t = float(some[-1].t[-1])
-        course.reached = abs(t - course.problem.t0)
-        course.say(partial("{} steps a unit of time, t = {:.4g} of {:.4g}".format, parts, t, end))
-        cut = cut_among(course, pieces[-1:], some, stop) if stop else None
-        pieces += some if cut is None else cut
-        if cut is not None:
-            break
-    return pieces
 
 
 def _by_round_off(

@@ -87,6 +87,8 @@ def _rates(
             rate = known[0] + known[1]
         elif name in LINEAR or (name == "div" and not timed[operands[1]]):
             rate = known[0]
+        elif name == "if_else_zero" and not timed[operands[0]]:
+            rate = known[1]
         elif name == "sq":
             rate = 2 * known[0]
         elif name in TURNING:
