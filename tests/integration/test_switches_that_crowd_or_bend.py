@@ -93,3 +93,21 @@ def test_a_tether_that_goes_slack_is_followed_with_enough_steps():
     motion = vi.simulate(pair, q0=[990.0, 0.0], v0=[0.0, 1.0], duration=3900.0)
     assert motion.stats["error_estimate"] < TOL
     assert motion.stats["switches"] == 30 and motion.stats["steps"] < 10_000
+
+
+@pytest.mark.parametrize("power", [1, 1.25, 1.5, 2])
+@pytest.mark.parametrize("draw", [0.05, 0.6])
+def test_contacts_that_cannot_pull_are_followed_however_they_are_written(power, draw):
+    """Hunt and Crossley's contact max(0, K dⁿ (1 − α v)), d = max(0, −y): in flight both it and
+    what it is the largest of are zero, and which one is larger decides nothing.
+    """
+    motions = []
+    for clip in (lambda d, rest: ca.fmax(0, d * rest), lambda d, rest: d * ca.fmax(rest, 0)):
+        q, v = vi.coordinates("y")
+        pressed = 1e4 * ca.fmax(0, -q) ** power
+        ball = vi.System(q, v, v**2 / 2 - 9.81 * q, force=clip(pressed, 1 - draw * v))
+        motions.append(vi.simulate(ball, q0=1.0, v0=0.0, duration=2.0, tol=1e-8))
+    one, other = motions
+    assert one.stats["switches"] == other.stats["switches"] >= 3
+    assert abs(one.q[-1, 0] - other.q[-1, 0]) < 2e-8
+    assert np.ptp(one.energy) > 1.0  # it is damped

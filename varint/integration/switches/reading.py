@@ -70,6 +70,34 @@ class Switches:
         """The sign of a − b."""
         return self.sign(self.read("sub", a, b))
 
+    def side(self, a: Node, b: Node) -> Node:
+        """The sign of a − b where it decides nothing while that is zero: of a product with zero the
+        sign of those of its factors that may be negative.
+        """
+        if a.value.is_zero():
+            return self.read("neg", self.side(b, a))
+        name, taken = self._made[a.number]
+        if b.value.is_zero() and name == "neg":
+            return self.read("neg", self.side(taken[0], b))
+        if b.value.is_zero() and name == "mul":
+            for x, rest in (taken, taken[::-1]):
+                if self._positive(x):
+                    return self.side(rest, b)
+        return self.difference(a, b)
+
+    def _positive(self, a: Node) -> bool:
+        """Whether it is nowhere negative, as far as its last operations tell."""
+        name, taken = self._made[a.number]
+        if name in ("mul", "div"):
+            return all(map(self._positive, taken))
+        if name in ("pow", "constpow", "sqrt"):
+            return name == "sqrt" or self._positive(taken[0])
+        if name == "fmax":
+            return any(map(self._positive, taken))
+        if a.value.is_constant():
+            return float(a.value) >= 0
+        return name in ("sq", "exp", "fabs")
+
     def whole(self, a: Node) -> Node:
         """The whole part, floor(a)."""
         return self._parameter(("whole", a.number), a, True)
@@ -131,12 +159,12 @@ def _fabs(s: Switches, a: Node) -> Node:
 
 
 def _largest(s: Switches, a: Node, b: Node) -> Node:
-    on = s.on(s.difference(a, b))
+    on = s.on(s.side(a, b))
     return s.kink("fmax", a, b) if s.kinks else s.choose(on, a, b)
 
 
 def _least(s: Switches, a: Node, b: Node) -> Node:
-    on = s.on(s.difference(a, b))
+    on = s.on(s.side(a, b))
     return s.kink("fmin", a, b) if s.kinks else s.choose(on, b, a)
 
 
