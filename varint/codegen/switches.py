@@ -64,8 +64,8 @@ class Switched(NamedTuple):
     Attributes
     ----------
     modes : tuple of Mode
-    branches : array (B, 3)
-        Mode, unit of time, the unit at first.
+    branches : array (B, 4)
+        Mode, unit of time, the unit at first, how often steps beside switches are halved.
     c : array (B, parameters)
         The numbers behind the switches are the last.
     lagrangian : RowFunction or None
@@ -143,6 +143,7 @@ def pass_switches(
     t: float,
     q: np.ndarray,
     p: np.ndarray,
+    v: np.ndarray,
     *,
     until: float,
     total: float,
@@ -159,7 +160,7 @@ def pass_switches(
     known : Switched
     place : int
     t : float
-    q, p : array (n,)
+    q, p, v : array (n,)
     until, total : float
         Where the call ends at the latest, and the duration of the run.
     parts : int
@@ -169,7 +170,7 @@ def pass_switches(
         Of a piece.
     """
     n, x = len(q), known.numbers
-    start, found = np.concatenate([[t], q, p]), np.zeros(2, np.int64)
+    start, found = np.concatenate([[t], q, p, v]), np.zeros(2, np.int64)
     pieces, times, states = np.empty((most, PIECE_HEAD)), np.empty(room), np.empty((room, 3, n))
     rows: Any = rows_entry()
     kinds, arrays = address_of(known.kinds), (start, pieces, times, states, found, known.among)

@@ -13,8 +13,11 @@
 
 /* At the end of the time; the last piece ends at a switch behind which the caller decides; the next piece is the caller's; no room. */
 enum Followed { ARRIVED, UNDECIDED, BESIDE, NO_ROOM };
-#define PIECE_HEAD 8 /* numbers of a piece: branch, step, steps, first row, nodes, iterations, residual, margin */
-#define BRANCH_HEAD 3 /* and of a branch: mode, unit of time, the unit at first */
+/* numbers of a piece: branch, step, steps, first row, nodes, iterations, residual, margin, nodes behind the first and before the last one
+   that are of no even step */
+#define PIECE_HEAD 10
+#define BRANCH_HEAD 4 /* and of a branch: mode, unit of time, the unit at first, how often steps that begin or end at its switches are halved */
+#define BEYOND 8      /* doublings of a last step, until it leads over the switch */
 #define LOOKS 9      /* instants at which a cubic is looked at */
 #define NEARER 4     /* instants soon after the last switch */
 
@@ -37,7 +40,7 @@ typedef struct {
     const double *c;                     /* (branches, parameters): the last of them are the numbers behind the switches */
     const void *lagrangian;              /* (q, v, t) to L, where it may jump; else 0 */
     const int64_t *kinds;                /* of every switch: a sum of the Kinds */
-    double *start;                       /* t, q, p */
+    double *start;                       /* t, q, p, v */
     double *pieces, *t, *states;         /* (most, PIECE_HEAD); (room), (room, 3 n): q, p, v at their nodes */
     int64_t *found;                      /* pieces, and nodes */
     const double *among;                 /* LOOKS instants in a step */
@@ -188,6 +191,62 @@ static int in_step(Step *x, int64_t margin, const double *ends, int begins, doub
     return DIPS;
 }
 
+/* A whole step of this size from a state. */
+static int step_from(Step *x, const double *start, double t, double size) {
+    const int64_t n = x->a->n;
+    x->t = t, x->h = size, x->start = start;
+    if (x->mode->told) COPY(x->a->told + x->mode->told - n, start + 2 * n, n); /* the sizes are those of the piece */
+    return part(x, 1);
+}
+
+/* The rows of a step from a switch, each step of which is as long as all before it, behind the first row; 0 where one is not solved. */
+static int halved_begin(Step *x, double t, double h, int halvings, double *times, double *rows) {
+    const int64_t n = x->a->n;
+    for (int i = 0; i <= halvings; i++) {
+        const double ahead = t + ldexp(h, i - halvings);
+        if (!step_from(x, rows + 3 * n * i, times[i], ahead - times[i])) return 0;
+        COPY(rows + 3 * n * (i + 1), x->state, 3 * n);
+        times[i + 1] = ahead;
+    }
+    return 1;
+}
+
+/* The rows from the first one to a margin's zero that is at `end` roughly, the last of which is there, each step half as long as it is far:
+   how many behind the first; 0 where they are not solved, or the zero is not there. As varint/integration/switches/halved.py has it. */
+static int64_t halved_end(Step *x, int64_t margin, double end, int halvings, double *times, double *rows) {
+    const SwitchArguments *const a = x->a;
+    const int64_t n = a->n;
+    const double least = ldexp(fabs(end - times[0]), -halvings);
+    int64_t row = 0;
+    if (!at_nodes(a, x->mode->margins, x->c, 1, rows, times, x->value, x->rate, x->mode->count)) return 0;
+    double value = x->value[margin], rate = x->rate[margin], t, size;
+    for (int i = 0; i < 4 * halvings; i++) {
+        t = times[row], size = (end - t) / 2;
+        if (!(fabs(size) > least)) break;
+        if (!step_from(x, rows + 3 * n * row, t, size)) return 0;
+        if (!(x->value[margin] > 0)) {
+            end = t + size;
+            continue;
+        }
+        row++, times[row] = t + size, value = x->value[margin], rate = x->rate[margin] / size;
+        COPY(rows + 3 * n * row, x->state, 3 * n);
+        const double ahead = rate * size < 0 ? -value / rate : size;
+        if (fabs(ahead) < 2 * fabs(size)) end = times[row] + ahead;
+    }
+    if (!(value > 0)) return 0;
+    t = times[row], size = 2 * (end - t);
+    for (int i = 0; i < BEYOND; i++, size *= 2) {
+        if (!step_from(x, rows + 3 * n * row, t, size)) return 0;
+        if (x->value[margin] > 0) continue;
+        const double ends[] = {value, x->value[margin], rate * size, x->rate[margin]};
+        double when;
+        if (in_step(x, margin, ends, 0, &when, rows + 3 * n * (row + 1)) != DIPS) return 0;
+        times[row + 1] = t + when;
+        return row + 1;
+    }
+    return 0;
+}
+
 typedef struct {
     int64_t step, margin; /* -1: none */
     double t;
@@ -327,14 +386,14 @@ int switches(const SwitchArguments *a) {
         if (mode->notes > notes) notes = mode->notes;
     }
     const int64_t many = (a->most_in_block + 1) * margins;
-    double *const memory = malloc((size_t)(carry_size + stats_size + 2 * many + 2 * margins + 14 * n + notes) * sizeof(double));
+    double *const memory = malloc((size_t)(carry_size + stats_size + 2 * many + 2 * margins + 15 * n + notes) * sizeof(double));
     double *const carry = memory, *const stats = carry + carry_size, *const values = stats + stats_size, *const rates = values + many;
     double *const value = rates + many, *const rate = value + margins, *const state = rate + margins, *const at = state + 3 * n;
-    double *const kept = at + 3 * n, *const begin = kept + 3 * n, *const noted = begin + 2 * n;
+    double *const kept = at + 3 * n, *const begin = kept + 3 * n, *const noted = begin + 3 * n;
     int64_t place = a->place, row = 0, pieces = 0;
     double t = a->start[0];
     int status = memory ? NO_ROOM : BESIDE;
-    if (memory) COPY(begin, a->start + 1, 2 * n);
+    if (memory) COPY(begin, a->start + 1, 3 * n);
     while (status == NO_ROOM && pieces < a->most) {
         double *const branch = a->branches + place * BRANCH_HEAD;
         const Mode *const mode = a->modes + (int64_t)branch[0];
@@ -344,36 +403,57 @@ int switches(const SwitchArguments *a) {
         const int64_t steps = a->parts * (units > 1 ? (int64_t)units : 1);
         const double h = span / (double)steps;
         double *const rows = a->states + row * 3 * n, *const times = a->t + row, iterations = 0, residual = 0;
-        int64_t k = 0, size = a->first < a->parts + 1 ? a->first : a->parts + 1;
+        const int halvings = (int)branch[3];
+        const int64_t beside = 5 * halvings + 2; /* rows of no even steps at most */
+        int64_t k = 0, size = a->first < a->parts + 1 ? a->first : a->parts + 1, lead = 0, trail = 0;
         Step step = {a, mode, c, value, rate, state, 0, 0, 0};
         Crossing found = {-1, -1, 0};
         carry[0] = 0;
+        if (row + beside + 2 > a->room) break;
         if (!tell(a, mode, place, t, h, begin)) { status = BESIDE; break; }
         if (mode->told) COPY(carry + 1, a->told, mode->told);
+        if (halvings) {
+            COPY(rows, begin, 3 * n), times[0] = t;
+            status = BESIDE;
+            if (!halved_begin(&step, t, h, halvings, times, rows)) break;
+            if (steps == 1) times[halvings + 1] = a->until;
+            if (!first_crossing(&step, times, rows, halvings + 2, 1, values, rates, &found, at)) break;
+            status = NO_ROOM, k = 1, lead = halvings;
+            COPY(begin, rows + 3 * n * (lead + 1), 3 * n);
+        }
         while (k < steps && found.step < 0) {
             const int64_t some = size < steps - k ? size : steps - k;
-            double *const first = rows + k * 3 * n;
-            if (row + k + some + 1 > a->room) goto ends;
+            double *const first = rows + (k + lead) * 3 * n;
+            if (row + k + some + 1 + beside > a->room) goto ends;
             if (k) COPY(kept, first, 3 * n);
             const RunArguments run = {some, 1, k, a->iterations, t, h, 0, begin, c, 0, first, carry, (RunStats *)stats, mode->scene, mode->notes ? noted : 0, 0};
             mode->run(&run);
             const RunStats *const told = (RunStats *)stats;
             const int64_t solved = finite_nodes(first, (int64_t)told->steps + 1, 3 * n); /* beyond its end a branch may be no scene */
-            for (int64_t i = k > 0; i <= some; i++) times[k + i] = t + h * (double)(k + i);
-            if (k + some == steps) times[steps] = a->until;
-            if (!first_crossing(&step, times + k, first, solved, !k, values, rates, &found, at) || (found.step < 0 && solved <= some)) {
+            for (int64_t i = k > 0; i <= some; i++) times[k + i + lead] = t + h * (double)(k + i);
+            if (k + some == steps) times[steps + lead] = a->until;
+            if (!first_crossing(&step, times + k + lead, first, solved, !k, values, rates, &found, at) || (found.step < 0 && solved <= some)) {
                 status = BESIDE;
                 goto ends;
             }
             if (k) COPY(first, kept, 3 * n);
             iterations += told->iterations;
             if (told->residual > residual) residual = told->residual;
-            if (found.step >= 0) found.step += k;
+            if (found.step >= 0) found.step += k + lead;
             k += some, size = 4 * size < a->most_in_block ? 4 * size : a->most_in_block;
         }
-        const int64_t last = found.step >= 0 ? found.step + 1 : steps;
+        int64_t last = found.step >= 0 ? found.step + 1 : steps + lead;
+        if (halvings && found.step > 0) {
+            int64_t from = found.step;
+            if (fabs(found.t - times[from]) < fabs(times[from] - times[from - 1]) / 2) from--;
+            const int64_t more = halved_end(&step, found.margin, found.t, halvings, times + from, rows + 3 * n * from);
+            if (!more) { status = BESIDE; break; }
+            last = from + more, trail = more - 1, found.t = times[last];
+            if (from < lead) lead = from;
+            COPY(at, rows + last * 3 * n, 3 * n);
+        } else if (halvings && !found.step) lead = 0;
         const double told[PIECE_HEAD] = {(double)place, h, (double)steps, (double)row, (double)(last + 1), iterations, residual,
-                                         found.step >= 0 ? (double)found.margin : -1};
+                                         found.step >= 0 ? (double)found.margin : -1, (double)lead, (double)trail};
         COPY(a->pieces + pieces++ * PIECE_HEAD, told, PIECE_HEAD);
         row += last + 1;
         if (found.step < 0) { status = ARRIVED; break; }
@@ -389,7 +469,7 @@ int switches(const SwitchArguments *a) {
         const int64_t next = next_branch(a, mode, c, found.margin, found.t, at);
         if (next < 0 || (a->lagrangian && jumps(a, c, a->c + next * a->parameters, at, found.t))) break;
         place = next, t = found.t, status = NO_ROOM;
-        COPY(begin, at, 2 * n);
+        COPY(begin, at, 3 * n);
     }
 ends:
     a->found[0] = pieces, a->found[1] = row;

@@ -224,4 +224,5 @@ def _piece(leg: _Leg, kernel: Kernel, limits: np.ndarray) -> Piece:
     states, count, told = np.stack([q, p, v], axis=1), len(t) - 1, leg.motion.stats
     how = told.get("iterations", 0), told.get("residual", 0.0)
     even = not leg.follows and motion.sizes is None
-    return Piece(leg.branch, float(t[-1] - t[0]) / count, count, t, states, *how, even=even)
+    size, every = float(t[-1] - t[0]) / count, None if even else (t, states)
+    return Piece(leg.branch, size, count, t, states, *how, every=every)

@@ -38,7 +38,9 @@ def apart_from(
     """
     found = nodes_apart(one, other)
     if found is None:
-        return distance_between_nodes(motion, joined(course, one, None), scales), 1.0
+        apart = distance_between_nodes(motion, joined(course, one, None), scales)
+        return apart if math.isfinite(apart) else math.inf, 1.0
     late = abs(one[-1].t[-1] - other[-1].t[-1]) * np.abs(other[-1].states[-1, 2]) / scales
     seen, early = with_early(np.abs(found) / scales)
-    return max(seen, float(late.max())), growth_of(seen, early)
+    apart = max(seen, float(late.max()))
+    return (apart, growth_of(seen, early)) if math.isfinite(apart) else (math.inf, 1.0)

@@ -76,7 +76,7 @@ def which_moves(branch: Branch) -> Branch:
 class Piece(NamedTuple):
     """A smooth piece of the motion: its branch, size and number of the steps it was begun with, its
     nodes with that of the switch it ends at, (q, p, v) there, (N + 1, 3, n), what contacts do where
-    it begins, and whether its steps are even, but for the last.
+    it begins, and all nodes, where there are others between even steps.
     """
 
     branch: Branch
@@ -87,4 +87,9 @@ class Piece(NamedTuple):
     iterations: int
     residual: float
     events: tuple[Event, ...] = ()
-    even: bool = True
+    every: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times and states of all nodes."""
+        return self.every or (self.t, self.states)

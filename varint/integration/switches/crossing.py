@@ -69,15 +69,12 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     seen = dips | ~(after >= 0) | ((after == 0) & (before > 0))
     for k in np.flatnonzero(seen.any(axis=1)):
         at_k, h = float(t[k]), float(t[k + 1] - t[k])
-        told = loop.told
-        if told.size:  # the sizes are those of the piece
-            told = np.concatenate([told[: -states.shape[2]], states[k, 2]])
-        step = _Step(scene, loop, at_k, h, states[k], told)
+        step = step_from(scene, loop, states[k], at_k, h)
         ends = before[k], after[k], rate_before[k], rate_after[k]
         found: Crossing | None = None
         for margin in np.flatnonzero(seen[k]).tolist():
             numbers = [float(x[margin]) for x in ends]
-            one = _in_step(step, margin, numbers, begins and k == 0)
+            one = zero_in_step(step, margin, numbers, begins and k == 0)
             if one is not None and (found is None or abs(one[0]) < abs(found.t - step.t)):
                 found = Crossing(int(k), step.t + one[0], one[1], margin)
         if found is not None:
@@ -85,7 +82,7 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     return None
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """A step of a piece, and shorter ones from its first node."""
 
     scene: BranchScene
@@ -105,8 +102,16 @@ class _Step(NamedTuple):
         return state, value[0], rate[0] * self.h
 
 
-def _in_step(
-    step: _Step, margin: int, ends: list[float], begins: bool
+def step_from(scene: BranchScene, loop: Loop, state: np.ndarray, t: float, h: float) -> Step:
+    """A step from a state (3, n)."""
+    told = loop.told
+    if told.size:  # the sizes are those of the piece
+        told = np.concatenate([told[: -state.shape[1]], state[2]])
+    return Step(scene, loop, t, h, state, told)
+
+
+def zero_in_step(
+    step: Step, margin: int, ends: list[float], begins: bool
 ) -> tuple[float, np.ndarray] | None:
     """Time within the step at which a margin falls to zero, and the state there."""
     before, after, rate_before, rate_after = ends
@@ -148,7 +153,7 @@ def _in_step(
 
 
 def _dip(
-    step: _Step, margin: int, between: tuple[float, float], rates: tuple[float, float]
+    step: Step, margin: int, between: tuple[float, float], rates: tuple[float, float]
 ) -> tuple[float, float, float] | None:
     """An instant at which a margin that falls and rises again is not positive, with its value and
     rate; None where it stays positive.

@@ -61,14 +61,14 @@ def follow(course: Course, parts: int) -> Iterator[list[Piece] | None]:
             break
         *passed, (piece, crossed) = found
         if passed:
-            nodes += sum(len(x.t) for x, _ in passed)
+            nodes += sum(len(x.nodes[0]) for x, _ in passed)
             short = 0
             lately = [*lately, *(x for x, _ in passed[-ARCS:])][-ARCS:]
             passed_by = [*passed_by, *(x[0] for _, x in passed[-ARCS:] if x)][-ARCS:]
         made, branch = made + len(found), piece.branch
         at_edge = abs(until - piece.t[-1]) <= EDGE * max(abs(until), abs(total))
         if at_edge:
-            piece.t[-1] = until
+            piece.t[-1] = piece.nodes[0][-1] = until
         piece = piece._replace(events=contacts.noted())
         yield [*(x for x, _ in passed), piece]
         if crossed is None or crossed[0] < 0:
@@ -81,7 +81,7 @@ def follow(course: Course, parts: int) -> Iterator[list[Piece] | None]:
                 yield [rest]
                 return
         short = short + 1 if abs(piece.t[-1] - piece.t[0]) < CROWDED * abs(total) else 0
-        nodes += len(piece.t)
+        nodes += len(piece.nodes[0])
         t, (q, p, v) = float(piece.t[-1]), piece.states[-1]
         contacts.extent.add(piece.states[:, 0], piece.states[:, 2])
         if crossed is None and soon != until:

@@ -1,42 +1,74 @@
 """Powers that are no whole ones and begin at a switch, as of a contact ``fmax(0, x)**1.5``: behind
 it forces grow by (t − t0)ⁿ, which no polynomial follows, and a step that begins or ends there errs
-by its power n + 1 alone, whatever the order of its rule.
+by its power n + 1 alone, whatever the order of its rule. Such steps are halved towards the switch.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from random import Random
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from varint.integration.switches.branch import Branch
 from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
-from varint.integration.switches.frozen import frozen_scene
+from varint.integration.switches.frozen import FrozenScene, frozen_scene
 from varint.numerics.arrays import over_columns
 from varint.numerics.operations import operations_of, values_of
+from varint.numerics.places import normal_numbers
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
 NOTHING = 1e-6  # of the largest base on the way: it is zero there
 SPARED = 0.5  # of the order: where nodes lie beside the switch varies from run to run
+PLACES, NEARER, SEEN, ALIKE = 32, 4, 3, 1e-9  # looks, of so many sizes; of the same ratio, relative
+# of a step; digits, of two, beside those that are wanted; of what these leave, for all runs alike
+MOST_HALVINGS, BITS, LEFT = 40, 14, 4.0
 
 
 class Fractional(NamedTuple):
-    """Bases of such powers, by (q, v, t, c), and orders that steps from their zeros have."""
+    """Bases of such powers, by (q, v, t, c); by which power of its size a step that begins or ends
+    at a zero of theirs errs; and which of them, (base, switch, side), are zero exactly where a
+    switch is, seen from this side.
+    """
 
     bases: ca.Function
     orders: np.ndarray
+    meet: frozenset[tuple[int, int, float]]
+
+
+def halvings(course: Course, branch: Branch) -> int:
+    """How often steps that begin or end at the switches of a branch are halved towards them; 0
+    where no powers begin, or steps are given.
+    """
+    known = _fractional(course.system)
+    if known is None or course.grid is not None:
+        return 0
+    met = [known.orders[k] for k, j, side in known.meet if branch.values[j] == side]
+    wanted = BITS - math.log2(course.tol)
+    return min(math.ceil(wanted / min(met)), MOST_HALVINGS) if met else 0
+
+
+def left_by_halvings(course: Course, pieces: Sequence[Piece]) -> float:
+    """What steps that are halved towards switches err by, which is the same in all runs."""
+    ends = sum(halvings(course, piece.branch) > 0 for piece in pieces)
+    return LEFT * ends * course.tol * 2.0**-BITS
 
 
 def order_at_switches(course: Course, pieces: Sequence[Piece]) -> float:
-    """The order that steps at switches leave; infinite where no power begins there."""
+    """The order that steps at switches leave, where they are not halved towards them; infinite
+    where no power begins there.
+    """
     known = _fractional(course.system)
     if known is None:
         return math.inf
-    at_ends, largest = np.full(len(known.orders), np.inf), np.zeros(len(known.orders))
+    orders = known.orders - SPARED
+    orders[[k for k, _, _ in known.meet]] = math.inf
+    at_ends, largest = np.full(len(orders), np.inf), np.zeros(len(orders))
     for piece in pieces:
         q, _, v = piece.states.transpose(1, 0, 2)
         c = all_parameters(course.problem.c, piece.branch)
@@ -44,7 +76,7 @@ def order_at_switches(course: Course, pieces: Sequence[Piece]) -> float:
         some = found.max(axis=0, initial=0.0, where=np.isfinite(found))
         ends = np.where(some > 0, found[[0, -1]].min(axis=0), np.inf)
         at_ends, largest = np.fmin(at_ends, ends), np.maximum(largest, some)
-    return float(known.orders[at_ends <= NOTHING * largest].min(initial=np.inf))
+    return float(orders[at_ends <= NOTHING * largest].min(initial=np.inf))
 
 
 @per_system
@@ -62,11 +94,39 @@ def _fractional(system: System) -> Fractional | None:
             exponent = 0.5 if name == "sqrt" else _exponent(nodes, name, taken)
             if exponent is not None and ca.depends_on(values[taken[0]], moving):
                 bases.append(values[taken[0]])
-                orders.append(exponent + more - SPARED)
+                orders.append(exponent + more)
     if not bases:
         return None
     row = ca.densify(ca.horzcat(*bases))
-    return Fractional(ca.Function("bases", inputs, [row], {"cse": True}), np.array(orders))
+    function = ca.Function("bases", inputs, [row], {"cse": True})
+    return Fractional(function, np.array(orders), _met(frozen, row))
+
+
+def _met(frozen: FrozenScene, row: ca.SX) -> frozenset[tuple[int, int, float]]:
+    """Which bases are, beside what switches, of one ratio wherever they are not zero: by looks at
+    some places, on the branch that each lies on.
+    """
+    s, m = frozen.system, frozen.s.numel()
+    look = ca.Function("look", [s.q, s.v, s.t, s.c], [row, ca.densify(frozen.sigma)])
+    random, c = Random(1), s.default_vector.copy()
+    ratios: dict[tuple[int, int], list[float]] = {}
+    sides: dict[tuple[int, int], set[float]] = {}
+    for place in range(PLACES):
+        size = 0.1 ** (place % NEARER)
+        at = [size * normal_numbers(random, x.numel()) for x in (s.q, s.v, s.t)]
+        for _ in range(1 + m):  # switches may depend on those before
+            base, sigma = (np.array(x).ravel() for x in look(*at, c))
+            c[-m:] = np.sign(sigma)
+        for k in np.flatnonzero(np.isfinite(base) & (base != 0)).tolist():
+            for j in np.flatnonzero(~frozen.counts & (sigma != 0)).tolist():
+                ratios.setdefault((k, j), []).append(base[k] / sigma[j])
+                sides.setdefault((k, j), set()).add(float(np.sign(sigma[j])))
+    alike = [
+        x
+        for x, found in ratios.items()
+        if len(found) >= SEEN and np.ptp(found) <= ALIKE * abs(found[0])
+    ]
+    return frozenset((int(k), int(j), side) for k, j in alike for side in sides[k, j])
 
 
 def _exponent(nodes: list[tuple], name: str, taken: list[int]) -> float | None:

@@ -32,38 +32,44 @@ NAMES = {"t", "q", "p", "branch", "values", "held"}  # of arrays of all scenes t
 
 def piece_motion(course: Course, piece: Piece) -> Trajectory:
     """A piece as a motion of the scene of its branch."""
+    t, states = piece.nodes
+    k, within = np.arange(len(t)), abs(piece.h) * (len(t) - 1.5)
+    if piece.every is None and (k[-1] < piece.steps or abs(t[-1] - t[0]) < within):
+        k[-1] -= 1  # the switch lies within the step
+    return _motion_of(course, piece, t, states, k)
+
+
+def pieces_motion(course: Course, pieces: Sequence[Piece]) -> tuple[Trajectory, np.ndarray]:
+    """Pieces of one branch, one after the other, and from which nodes to the next steps lead."""
+    lengths = [len(x.nodes[0]) for x in pieces]
+    t, states = (np.concatenate(x) for x in zip(*(x.nodes for x in pieces), strict=True))
+    steps = np.ones(len(t) - 1, dtype=bool)
+    steps[np.cumsum(lengths)[:-1] - 1] = False
+    return _motion_of(course, pieces[0], t, states, np.arange(len(t))), steps
+
+
+def _motion_of(
+    course: Course, piece: Piece, t: np.ndarray, states: np.ndarray, k: np.ndarray
+) -> Trajectory:
+    """Nodes of pieces of one branch as a motion."""
     scene = scene_in(course.system, piece.branch)
     assert scene is not None
-    k, within = np.arange(len(piece.t)), abs(piece.h) * (len(piece.t) - 1.5)
-    if piece.even and (k[-1] < piece.steps or abs(piece.t[-1] - piece.t[0]) < within):
-        k[-1] -= 1  # the switch lies within the step
     motion = Trajectory(
         system=scene.system,
         rule=course.rule,
-        t=piece.t,
-        q=piece.states[:, 0],
-        p=piece.states[:, 1],
+        t=t,
+        q=states[:, 0],
+        p=states[:, 1],
         h=piece.h,
         k=k,
         u=np.empty((piece.steps, 1, 0)),
         c=all_parameters(course.problem.c, piece.branch),
         functions=steps_again(course.rule),
-        sizes=None if piece.even else np.diff(piece.t),
-        origin=float(piece.t[0]),
+        sizes=None if piece.every is None else np.diff(t),
+        origin=float(t[0]),
     )
-    motion.__dict__["v"] = piece.states[:, 2]
-    return motion
-
-
-def pieces_motion(course: Course, pieces: Sequence[Piece]) -> tuple[Trajectory, np.ndarray]:
-    """Pieces of one branch, one after the other, and from which nodes to the next steps lead."""
-    t, states = (np.concatenate(x) for x in zip(*((x.t, x.states) for x in pieces), strict=True))
-    steps = np.ones(len(t) - 1, dtype=bool)
-    steps[np.cumsum([len(x.t) for x in pieces])[:-1] - 1] = False
-    q, p, k = states[:, 0], states[:, 1], np.arange(len(t))
-    motion = replace(piece_motion(course, pieces[0]), t=t, q=q, p=p, k=k)
     motion.__dict__["v"] = states[:, 2]
-    return motion, steps
+    return motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,11 +217,13 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
     """All pieces as one motion of the user's scene, with a node at every switch."""
     # at a switch as the motion leaves it
     whole = [*[slice(None, -1)] * (len(pieces) - 1), slice(None)]
-    t = np.concatenate([x.t[part] for x, part in zip(pieces, whole, strict=True)])
-    states = np.concatenate([x.states[part] for x, part in zip(pieces, whole, strict=True)])
+    t, states = (
+        np.concatenate([x.nodes[i][part] for x, part in zip(pieces, whole, strict=True)])
+        for i in range(2)
+    )
     branches = tuple(dict.fromkeys(x.branch for x in pieces))
     places = {branch: i for i, branch in enumerate(branches)}
-    counts = [len(x.t) - 1 for x in pieces]
+    counts = [len(x.nodes[0]) - 1 for x in pieces]
     each = np.repeat([places[x.branch] for x in pieces], counts)
     acting = np.array([x.branch.controls for x in pieces]).reshape(len(pieces), -1)
     q, p = np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])

@@ -27,7 +27,9 @@ from varint.integration.switches.branch import Branch, branch_scene, passed_stra
 from varint.integration.switches.corner import NO_JUMP, may_jump
 from varint.integration.switches.course import Course, Piece, kernel_in
 from varint.integration.switches.decision import all_parameters
+from varint.integration.switches.fractional import halvings
 from varint.integration.switches.frozen import frozen_scene
+from varint.integration.switches.halved import velocity_at
 from varint.integration.switches.next_branch import AT_ZERO
 from varint.integration.switches.piece import (
     BORDER,
@@ -94,12 +96,16 @@ class Passage:
         if branch.controls:
             table.c[:, -m - len(branch.controls) : -m] = branch.controls
         table.branches[:, 1] = [course.units[x] for x in self.places]
+        v, scene = start.v, branch_scene(course.system, branch.sliding)
+        if scene is not None and halvings(course, branch):
+            v = velocity_at(scene.system, start, table.c[place])
         passed = pass_switches(
             table,
             place,
             start.t,
             start.q,
             start.p,
+            v,
             until=until,
             total=course.problem.h,
             parts=self.parts,
@@ -112,11 +118,17 @@ class Passage:
         branches = [x._replace(controls=branch.controls) for x in self.places]
         watched = [table.modes[int(i)].watched for i in table.branches[:, 0]]
         found: Found = []
-        for which, h, steps, first, nodes, iterations, residual, margin in passed.pieces.tolist():
+        for piece in passed.pieces.tolist():
+            which, h, steps, first, nodes, iterations, residual, margin, lead, trail = piece
             i, some = int(which), slice(int(first), int(first + nodes))
             t, states = passed.t[some], passed.states[some]
-            piece = Piece(branches[i], h, int(steps), t, states, int(iterations), residual)
-            found.append((piece, watched[i][int(margin)] if margin >= 0 else None))
+            every = (t, states) if lead or trail else None
+            if every is not None:
+                even = np.r_[0, int(lead) + 1 : len(t) - 1 - int(trail), len(t) - 1]
+                t, states = t[even], states[even]
+            how = int(steps), t, states, int(iterations), residual
+            one = Piece(branches[i], h, *how, every=every)
+            found.append((one, watched[i][int(margin)] if margin >= 0 else None))
         return found or None
 
 
@@ -134,7 +146,10 @@ def _table(course: Course) -> tuple[Switched | None, dict[Branch, int]]:
     acting = (0.0,) * system.structure.controls
     c = np.array([all_parameters(course.problem.c, x._replace(controls=acting)) for x in kept])
     order = list(modes)
-    heads = [[order.index(x.sliding), course.units[x], course.known[x]] for x in kept]
+    heads = [
+        [order.index(x.sliding), course.units[x], course.known[x], halvings(course, x)]
+        for x in kept
+    ]
     try:
         table = switched(
             tuple(modes.values()),

@@ -10,11 +10,13 @@ import numpy as np
 
 from varint.codegen.kernel import Kernel, told_of
 from varint.discrete.legendre import velocity_function
+from varint.integration.switches import halved
 from varint.integration.switches.branch import Branch, BranchScene, branch_scene
 from varint.integration.switches.course import Course, Piece, which_moves
 from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.drive import drive_frequency, fastest_small_motion
+from varint.integration.switches.fractional import halvings
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.touching import held_scene
 from varint.numerics.arrays import call
@@ -56,9 +58,20 @@ def next_piece(
     told = told_of(kernel, np.stack([start.q, start.p]), c, start.t, h)
     loop = Loop(scene.system, course.rule, kernel, c, told)
     q, p = start.q, start.p
-    times, iterations, residual = [np.array([start.t])], 0, 0.0
-    states: list[np.ndarray] = []
-    while k < steps:
+    times, states = [np.array([start.t])], list[np.ndarray]()
+    iterations, residual, found, halves = 0, 0.0, None, halvings(course, branch)
+    head: Nodes | None = None
+    if halves:
+        begun = halved.begin(scene, loop, start, h if steps > 1 else span, halves)
+        if begun is None:
+            return None
+        head, found = begun
+        (q, p), k = head.states[-1, :2], 1
+        states.append(head.states[:1])
+        if found is None:
+            times.append(head.t[-1:])
+            states.append(head.states[-1:])
+    while k < steps and found is None:
         some = min(size, steps - k)
         t = start.t + h * np.arange(k, k + some + 1)
         if k + some == steps:
@@ -71,34 +84,41 @@ def next_piece(
             states.append(part.rows[:1])
         iterations += part.iterations
         residual = max(residual, part.residual)
-        if found is not None:
-            last = found.step + 1
-            times += [t[1:last], np.array([found.t])]
-            states += [part.rows[1:last], found.state[None]]
-            break
-        times.append(t[1:])
-        states.append(part.rows[1:])
+        last = some + 1 if found is None else found.step + 1
+        times.append(t[1:last])
+        states.append(part.rows[1:last])
         k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
         q, p = part.rows[-1, :2]
+    even, every = Nodes(np.concatenate(times), np.concatenate(states), True), None
+    if head is not None:
+        ends = halved.end(scene, loop, even, head, found, halves)
+        if ends is None:
+            return None
+        even, every = ends
+    elif found is not None:
+        states_there = np.concatenate([even.states, found.state[None]])
+        even = Nodes(np.append(even.t, found.t), states_there, True)
     alike = of_one_unit(branch)
     # the next piece on this branch is as long, more or less
     if found is not None and unit != shortest:
         length, most = abs(found.t - start.t), course.known.setdefault(alike, unit)
         if most == unit or length > LONGER * unit:
             course.units[alike] = min(most, max(length, most * LEAST_UNIT))
-    nodes = _with_unit_rays(course.system, np.concatenate(states))
-    piece = Piece(branch, h, steps, np.concatenate(times), nodes, iterations, residual)
+    for nodes in (even, every or even):
+        _make_rays_unit(course.system, nodes.states)
+    piece = Piece(
+        branch, h, steps, even.t, even.states, iterations, residual, every=every and every[:2]
+    )
     return piece, None if found is None else scene.watched[found.margin]
 
 
-def _with_unit_rays(system: System, states: np.ndarray) -> np.ndarray:
-    """The same states (q, p, v), (N, 3, n), of unit quaternions."""
+def _make_rays_unit(system: System, states: np.ndarray) -> None:
+    """States (q, p, v), (N, 3, n), of unit quaternions."""
     for group in system.rays:
         at = list(group)
         q, p, v = (states[:, i, at] for i in range(3))
         length = np.linalg.norm(q, axis=-1, keepdims=True)
         states[:, :, at] = np.stack([q / length, p * length, v / length], axis=1)
-    return states
 
 
 def _block(

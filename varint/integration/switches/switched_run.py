@@ -24,7 +24,7 @@ from varint.integration.switches.by_rate import by_rate
 from varint.integration.switches.compared import apart_from, least_resolved, untold
 from varint.integration.switches.course import Course, Piece, kernel_in
 from varint.integration.switches.follow import first_unit
-from varint.integration.switches.fractional import order_at_switches
+from varint.integration.switches.fractional import left_by_halvings, order_at_switches
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined
 from varint.integration.switches.piece import ANGLE
@@ -146,7 +146,8 @@ def _refined(
         order = None if order is None else min(order, most)
         left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
         rounded = least_resolved(motion, len(pieces), scales)
-        estimate = max(apart * left / (1 - left), rounded, course.left)
+        alike = left_by_halvings(course, pieces)
+        estimate = max(apart * left / (1 - left), rounded, course.left) + alike
         if estimate <= tol and not frozen.system.structure.autonomous:
             estimate = max(estimate, missed_impulse(system, looks, motion, scales, tol))
         grown, latest = 0.0, (parts, (pieces, motion, scales))
@@ -159,8 +160,8 @@ def _refined(
         if found.reached:
             return best
         stalls = stalls + 1 if apart > STALLED * last and apart < NO_DIGITS else 0
-        if stalls == PATIENCE or estimate == rounded or grown > tol:  # more steps would not do
-            break
+        if stalls == PATIENCE or estimate == rounded + alike or grown > tol:
+            break  # more steps would not do
         more = 1.0 if order is None else math.log2(estimate / tol) / (CAUTION * order)
         last, before = apart, (parts, pieces)
         parts *= 2 ** min(max(math.ceil(more), 1), MOST_DOUBLINGS)

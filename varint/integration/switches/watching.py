@@ -34,14 +34,16 @@ def _cut_piece(course: Course, last: Sequence[Piece], piece: Piece, stop: Watch)
     `last` one and it makes that; None where it does not.
     """
     if _by_impact(course, last, piece, stop):
-        return piece._replace(t=piece.t[:1], states=piece.states[:1])
+        return piece._replace(t=piece.t[:1], states=piece.states[:1], every=None)
     motion = piece_motion(course, piece)
     kernel = kernel_in(course, piece.branch)
     end = crossings_by(kernel, crossing_search(motion.system, stop), motion, {})
     if not len(end.jump):
         return None
     cut = cut_at(motion, 0, end)
-    return piece._replace(t=cut.t, states=np.stack([cut.q, cut.p, cut.v], axis=1))
+    states = np.stack([cut.q, cut.p, cut.v], axis=1)
+    every = None if piece.every is None else (cut.t, states)
+    return piece._replace(t=cut.t, states=states, every=every)
 
 
 def cut_among(
@@ -62,7 +64,7 @@ def _near_stop(course: Course, pieces: Sequence[Piece], stop: Watch) -> set[int]
     """Those of some pieces in which an expression crosses zero, or an impact may have made it."""
     found = {i for i, piece in enumerate(pieces) if piece.events}
     for some, _, zeros in _zeros_by_branch(course, pieces, stop):
-        lengths = [len(pieces[i].t) for i in some]
+        lengths = [len(pieces[i].nodes[0]) for i in some]
         found.update(some if zeros is None else np.repeat(some, lengths)[zeros.node].tolist())
     return found
 
