@@ -63,6 +63,57 @@ def test_what_cannot_be_a_machine_is_refused_with_the_remedy():
     refused(r"bodies \['stone'\] hang on nothing", loose.system)
 
 
+def link(world, kind, name, mass=0.0, inertia=0.0, com=(0.0, 0.0, -0.5), parent="world", **joint):
+    world.body(mass, com, inertia, name)
+    getattr(world, kind)(parent, name, name=f"{name}_joint", **joint)
+    return world
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "universal", "planar", "spherical"])
+def test_a_joint_that_moves_nothing_is_told_when_the_scene_is_made(kind):
+    """A link without inertia was refused at the run, as a test particle or for its velocities."""
+    world = link(mb.Model(), "revolute", "arm", 1.0, 0.1, axis=(0, 1, 0))
+    link(world, "fixed", "cap", parent="arm")
+    world.system()
+    link(link(world, kind, "hand", parent="arm"), "fixed", "nail", parent="hand")
+    told = r"'hand_joint' moves \['hand', 'nail'\] without mass and inertia.*<inertial>"
+    refused(told, world.system)
+
+
+def test_what_is_lacking_is_named():
+    axis = np.array([0.3, -0.2, 0.5])
+    spun = link(mb.Model(), "revolute", "rod", 1.0, com=0.7 * axis, axis=axis)
+    refused("'rod_joint' moves 'rod' without inertia about its axis", spun.system)
+    refused("without mass, so", link(mb.Model(), "prismatic", "block", inertia=1.0).system)
+    refused("without mass, so", link(mb.Model(), "free", "ghost", inertia=1.0).system)
+    needle = {"mass": 1.0, "inertia": (1 / 12, 1 / 12, 0)}
+    for kind in ("spherical", "free"):
+        refused(r"a needle.*universal", link(mb.Model(), kind, "rod", **needle).system)
+
+
+def test_bodies_without_mass_are_welcome_where_others_move_with_them():
+    """Between hinges, under a rotor, as a follower, as an unknown, and where a loop holds it."""
+    between = link(mb.Model(), "revolute", "cross", axis=(1, 0, 0))
+    link(between, "revolute", "rod", 1.0, 0.1, parent="cross", axis=(0, 1, 0))
+    rotor = link(mb.Model(), "revolute", "disc", passive=mb.Passive(armature=0.2))
+    gear = link(link(mb.Model(), "revolute", "big", 1.0, 0.1), "revolute", "small")
+    gear.mimic("small_joint", "big_joint", -2.0)
+    unknown = link(mb.Model(), "revolute", "rod", axis=(0, 1, 0))
+    unknown.symbolic("rod.mass")
+    for model, n in ((between, 2), (rotor, 1), (gear, 1), (unknown, 1)):
+        assert model.system().structure.n == n
+    four = mb.Model()
+    for name, mass, at, parent in (
+        ("crank", 1.0, (0, 0, 0), "world"),
+        ("coupler", 0.0, (1, 0, 0), "crank"),
+        ("rocker", 1.0, (1, 0, 0), "world"),
+    ):
+        side = (0.5, 0, 0)
+        link(four, "revolute", name, mass, mass / 12, side, parent, axis=(0, 1, 0), at=at)
+    four.loop("line", ("coupler", (1, 0, 0)), ("rocker", (1, 0, 0)))
+    assert four.system().structure.n == 3
+
+
 def test_a_loop_that_is_open_whatever_the_coordinates_are_is_refused():
     world = plane_chain(2)
     world.loop("point", ("link1", (0, 0, -1)), ("world", (1.0, 0.3, -1.0)))

@@ -22,15 +22,20 @@ from varint.multibody.stretching import (
     stretching_matrix,
 )
 from varint.multibody.tree import Tree, tree_of
+from varint.multibody.weightless import refuse_weightless
 from varint.scene.kinetics import Kinetics
 from varint.scene.system import System
 
 
 def assemble(machine: Machine) -> System:
-    """The machine as a `System`; raises InputError where it does not hang together."""
+    """The machine as a `System`; raises InputError where it does not hang together or a joint moves
+    nothing.
+    """
     if not machine.q.numel():
         raise InputError("nothing can move: the model has no joint but fixed ones")
     tree, motions = tree_of(machine.bodies, machine.joints.values()), motions_of(machine)
+    kinetics = kinetics_of(machine, tree, motions)
+    refuse_weightless(machine, tree, kinetics.mass_matrix)
     lagrangian = (
         kinetic_energy(tree, motions)
         - gravity_potential(tree, motions, machine.gravity)
@@ -44,7 +49,7 @@ def assemble(machine: Machine) -> System:
         force=generalised_force(machine, tree, motions),
         control=ca.vertcat(ca.SX(0, 1), *(x.u for x in machine.actuators.values())),
         params=machine.params,
-        kinetics=kinetics_of(machine, tree, motions),
+        kinetics=kinetics,
         rays=rays_of(machine),
     )
 
