@@ -114,6 +114,35 @@ def test_bodies_without_mass_are_welcome_where_others_move_with_them():
     assert four.system().structure.n == 3
 
 
+def test_moments_that_no_rigid_body_has_are_refused():
+    """A plate has I1 + I2 = I3, and no body has less; they were taken in silence."""
+    turn = mb.roll_pitch_yaw(0.3, -0.7, 1.1)
+    world = mb.Model()
+    for moments in ((1, 1, 2), (0, 1, 1), (0, 0, 3), 0.4, (1, 1, 2 * (1 + 1e-12))):
+        world.body(1.0, inertia=moments)
+        world.body(1.0, inertia=turn @ np.diag(np.broadcast_to(moments, 3)) @ turn.T)
+    for moments in ((1, 1, 3), (1, 1, 2.001), (0, 1, 1.1)):
+        for inertia in (moments, turn @ np.diag(moments) @ turn.T):
+            told = "principal moments .* of body 'box': none is larger than the sum"
+            refused(told, lambda inertia=inertia: world.body(1.0, inertia=inertia, name="box"))
+    assert "box" not in world.bodies
+
+
+def test_moments_that_no_rigid_body_has_are_told_of_files():
+    """MuJoCo refuses such files, others do not; numbers of few digits break it slightly."""
+    urdf = """<robot name="r"><link name="ceiling"/><link name="rod"><inertial><mass value="2"/>
+      <inertia ixx="0.1" iyy="0.1" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="hinge" type="continuous"><parent link="ceiling"/><child link="rod"/>
+      </joint></robot>"""
+    mjcf = """<mujoco><worldbody><body name="rod"><joint name="hinge"/>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.1 0.1 {0}"/></body></worldbody></mujoco>"""
+    for read, text in ((mb.from_urdf, urdf), (mb.from_mjcf, mjcf)):
+        with pytest.warns(UserWarning, match=r"moments of \['rod'\], of the first \(0.1, 0.1, 0.3"):
+            model = read(text.format(0.3))
+        assert model.bodies["rod"].inertia[2, 2] == 0.3
+        read(text.format(0.201)), read(text.format(0.2))
+
+
 def test_a_loop_that_is_open_whatever_the_coordinates_are_is_refused():
     world = plane_chain(2)
     world.loop("point", ("link1", (0, 0, -1)), ("world", (1.0, 0.3, -1.0)))

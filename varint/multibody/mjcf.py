@@ -18,6 +18,8 @@ from varint.multibody.mjcf_geoms import SIZES, Geom
 from varint.multibody.mjcf_parts import Drive, add_drive, add_equalities, drives_of, reflected
 from varint.multibody.mjcf_settings import Reading, defaults_of, included, settings_of
 from varint.multibody.model import Model
+from varint.multibody.names import new_name
+from varint.multibody.parts import body_of, doubtful_moments
 from varint.multibody.quantities import compose
 from varint.multibody.rotations import axis_rotation, matrix_quaternion
 from varint.multibody.shapes import GREY, Shape
@@ -55,7 +57,8 @@ def from_mjcf(source: str | os.PathLike, *, folder: Any = None, creep: float = 1
     Warns
     -----
     UserWarning
-        Once, listing what was not used, with its lines.
+        Once, listing what was not used, with its lines; once, naming bodies with a principal moment
+        that is larger than the sum of the others.
 
     Raises
     ------
@@ -101,8 +104,9 @@ def from_mjcf(source: str | os.PathLike, *, folder: Any = None, creep: float = 1
         model.machine.medium = Medium(settings.density, settings.viscosity, settings.wind)
     if touching(bodies):
         reading.unread.note(root, "contacts", "give the system contacts yourself")
-    if said := reading.unread.said(root.source):
-        warnings.warn(said, stacklevel=2)
+    for said in (reading.unread.said(root.source), doubtful_moments(root.source, model.bodies)):
+        if said:
+            warnings.warn(said, stacklevel=2)
     return model
 
 
@@ -140,9 +144,11 @@ def _add_body(model: Model, body: MjcfBody, drives: Sequence[Drive], reading: Re
     if body.name != WORLD:
         mass = body.mass
         shapes = tuple(_shapes(body.geoms))
-        located(
+        model.bodies[body.name] = located(
             body.element,
-            lambda: model.body(mass.mass, mass.com, mass.inertia, body.name, visuals=shapes),
+            lambda: body_of(
+                new_name("body", body.name, model.bodies), mass.mass, mass.com, mass.inertia, shapes
+            ),
         )
         below, place = body.parent, body.placement
         free = any(joint.kind == "free" for joint in body.joints)

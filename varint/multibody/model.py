@@ -32,6 +32,7 @@ from varint.multibody.parts import (
     loop_of,
     motor_of,
     named,
+    refuse_moments,
     spring_of,
     thrust_of,
 )
@@ -123,9 +124,18 @@ class Model:
         name : str, optional
         visuals : sequence
             What drawings show of it; nothing else looks into it.
+
+        Raises
+        ------
+        InputError
+            If the mass or a principal moment is negative, the matrix is not symmetric, or one
+            moment is larger than the sum of the others, which no rigid body has. One alone,
+            (0, 0, I), is taken: it is all that a body needs that turns about one axis.
         """
         name = new_name("body", name, self.bodies)
-        self.bodies[name] = body_of(name, mass, com, inertia, visuals)
+        body = body_of(name, mass, com, inertia, visuals)
+        refuse_moments(body)
+        self.bodies[name] = body
         self._system = None
         return self.bodies[name]
 

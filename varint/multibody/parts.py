@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -10,10 +10,18 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.multibody.data import Actuator, Anchor, Body, Coupling, Joint, Loop, Machine, Spring
-from varint.multibody.quantities import inertia_matrix, not_negative, point, scalar
+from varint.multibody.quantities import (
+    SYMMETRIC,
+    excess_moment,
+    inertia_matrix,
+    not_negative,
+    point,
+    scalar,
+)
 
 LOOPS = ("point", "axis", "weld", "distance", "line", "plane")
 THRUSTS = ("thrust", "torque")
+FEW_DIGITS = 0.01  # what rounding in files makes of a moment, relative
 
 
 def named(given: Any) -> Any:
@@ -37,6 +45,37 @@ def body_of(name: str, mass: Any, com: Any, inertia: Any, visuals: Sequence[Any]
         inertia_matrix(f"the inertia of body {name!r}", inertia),
         tuple(visuals),
     )
+
+
+def refuse_moments(body: Body) -> None:
+    """Principal moments of a rigid body fulfil I1 + I2 ≥ I3."""
+    if excess_moment(body.inertia) > SYMMETRIC:
+        raise InputError(
+            f"no rigid body has the principal moments {_moments(body)} of body {body.name!r}: none "
+            "is larger than the sum of the others, as of ∫ (y² + z²), ∫ (z² + x²), ∫ (x² + y²); "
+            "give them about the centre of mass, or of a body that turns about one axis alone "
+            "that moment and zeros, as (0, 0, I)"
+        )
+
+
+def doubtful_moments(source: str, bodies: Mapping[str, Body]) -> str | None:
+    """The words of the warning of a file whose bodies have moments that none may have, by more
+    than numbers of few digits make; None where there are no such.
+    """
+    found = [body for body in bodies.values() if excess_moment(body.inertia) > FEW_DIGITS]
+    if not found:
+        return None
+    names = [body.name for body in found]
+    return (
+        f"{source}: no rigid body has the principal moments of {names}, of the first "
+        f"{_moments(found[0])}: none is larger than the sum of the others. They are taken as they "
+        "are; see whether the file gives them about the centre of mass, and products of inertia "
+        "with their signs"
+    )
+
+
+def _moments(body: Body) -> str:
+    return f"({', '.join(f'{x:.6g}' for x in np.linalg.eigvalsh(body.inertia))})"
 
 
 def spring_of(name: str, a: Anchor, b: Anchor, stiffness: Any, rest: Any, damping: Any) -> Spring:

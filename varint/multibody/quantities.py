@@ -98,6 +98,20 @@ def inertia_matrix(what: str, given: Any) -> Any:
     return (value + value.T) / 2
 
 
+def excess_moment(inertia: Any) -> float:
+    """How far the largest principal moment lies above the sum of the others, relative to it; zero
+    or less of what a body may have, and of expressions.
+
+    One moment alone, (0, 0, I), says what a body has that turns about one axis: the others are not
+    told.
+    """
+    if isinstance(inertia, ca.SX):
+        return 0.0
+    least, middle, largest = np.linalg.eigvalsh(inertia)
+    alone = middle <= SYMMETRIC * largest
+    return 0.0 if alone else float((largest - least - middle) / largest)
+
+
 def product(a: Any, b: Any) -> Any:
     """a @ b of arrays, or of expressions."""
     if isinstance(a, ca.SX) or isinstance(b, ca.SX):

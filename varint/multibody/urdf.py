@@ -13,6 +13,8 @@ from varint.errors import InputError
 from varint.multibody.data import WORLD, Limits, Passive
 from varint.multibody.elements import Element, Unread, document, located
 from varint.multibody.model import Model
+from varint.multibody.names import new_name
+from varint.multibody.parts import body_of, doubtful_moments
 from varint.multibody.shapes import Shape
 from varint.multibody.urdf_shapes import NONE, link_shapes, origin
 
@@ -59,7 +61,8 @@ def from_urdf(
     Warns
     -----
     UserWarning
-        Once, listing what was not used, with its lines.
+        Once, listing what was not used, with its lines; once, naming links with a principal moment
+        that is larger than the sum of the others.
 
     Raises
     ------
@@ -114,8 +117,9 @@ def from_urdf(
         _mimic(model, joint, unread)
     for name in _driven(model, motors):
         model.motor(name)
-    if said := unread.said(root.source):
-        warnings.warn(said, stacklevel=2)
+    for said in (unread.said(root.source), doubtful_moments(root.source, model.bodies)):
+        if said:
+            warnings.warn(said, stacklevel=2)
     return model
 
 
@@ -187,7 +191,10 @@ def joint_ends(joint: Element) -> tuple[str, str]:
 
 def _body(model: Model, link: Element, shapes: tuple[Shape, ...], unread: Unread) -> None:
     mass, com, inertia = _inertial(link, unread)
-    located(link, lambda: model.body(mass, com, inertia, link.text("name"), visuals=shapes))
+    name = link.text("name")
+    model.bodies[name] = located(
+        link, lambda: body_of(new_name("body", name, model.bodies), mass, com, inertia, shapes)
+    )
 
 
 def _inertial(link: Element, unread: Unread) -> tuple[float, Any, Any]:
