@@ -43,6 +43,29 @@ def test_the_action_of_an_orbit_of_small_energy_is_that_of_any_other():
     assert found[1] == pytest.approx(found[0], rel=1e-8)
 
 
+@pytest.mark.parametrize("unit", [1.0, 2.0**-8, 2.0**-12, NANOMETRES])
+def test_the_action_of_a_needle_that_taps_a_wall_is_the_same_in_metres(unit):
+    """Steps were solved once more to find it: with a weight of the time that was large beside small
+    energies Newton's method went elsewhere, and second derivatives of the rate overflowed.
+    """
+    motion = vi.simulate(cantilever(unit), q0=12 * unit, v0=0.0, duration=30.0, tol=1e-9)
+    assert motion.fictitious is not None
+    by_quadrature = 101.733355357274  # DOP853 at 3e-14 with the action as a third unknown
+    assert motion.action / unit**2 == pytest.approx(by_quadrature, rel=1e-11)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(8), vi.lobatto(5), vi.midpoint()])
+@pytest.mark.parametrize("drag", [0.0, 0.05])
+def test_actions_in_fictitious_time_are_those_of_equal_steps(rule, drag):
+    q, v = vi.coordinates("x", "y")
+    force = {"force": -drag * v} if drag else {}
+    orbit = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q), **force)
+    start = {"q0": [1.9, 0.0], "v0": [0.0, 0.5], "duration": 10.0}
+    known = vi.simulate(orbit, vi.gauss(8), **start, h=0.01).action
+    found = vi.simulate(orbit, rule, **start, h=0.02, time_scale="auto", save_every=3)
+    assert found.action == pytest.approx(known, rel=1e-3 if rule.order < 8 else 1e-11)
+
+
 def test_a_bond_in_kilogrammes_and_metres_is_no_angle_and_nobody_is_warned():
     """exp overflows where it is looked whether a turn of the coordinate changes anything."""
     q, v = vi.coordinates("r")

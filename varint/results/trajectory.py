@@ -283,11 +283,9 @@ class Trajectory:
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
         if (inner := self.fictitious) is not None:
-            n, (weight, _, energy, start) = self.q.shape[1], inner.c[-4:].tolist()
-            if inner.q.shape[1] > n + 1:  # ∫ L dt = ∫ [σ L + (t' − σ + σ0) s'] dτ − σ0 ∫ ds
-                return inner.action - start * float(inner.q[-1, n] - inner.q[0, n])
-            # ∫ L dt = ∫ [σ (L + E0) + w σ0 t'] dτ − (E0 + w σ0) ∫ dt
-            return inner.action - (energy + weight * start) * self.duration
+            from varint.results.fictitious_action import action_of as along_fictitious
+
+            return along_fictitious(self, inner)
         if leans(self):
             from varint.results.leaning import action_of
 
