@@ -51,6 +51,7 @@ BEHIND = {
     "varint.scene.system": {"varint.typeset.equations"},
     "varint.results.trajectory": {
         "varint.results.dense_output",
+        "varint.results.fictitious_action",
         "varint.results.leaning",
         "varint.results.save",
         "varint.drawing.sketch",

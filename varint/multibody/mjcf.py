@@ -19,7 +19,7 @@ from varint.multibody.mjcf_parts import Drive, add_drive, add_equalities, drives
 from varint.multibody.mjcf_settings import Reading, defaults_of, included, settings_of
 from varint.multibody.model import Model
 from varint.multibody.names import new_name
-from varint.multibody.parts import body_of, doubtful_moments
+from varint.multibody.parts import body_as_told, doubtful_moments
 from varint.multibody.quantities import compose
 from varint.multibody.rotations import axis_rotation, matrix_quaternion
 from varint.multibody.shapes import GREY, Shape
@@ -146,7 +146,7 @@ def _add_body(model: Model, body: MjcfBody, drives: Sequence[Drive], reading: Re
         shapes = tuple(_shapes(body.geoms))
         model.bodies[body.name] = located(
             body.element,
-            lambda: body_of(
+            lambda: body_as_told(
                 new_name("body", body.name, model.bodies), mass.mass, mass.com, mass.inertia, shapes
             ),
         )

@@ -32,7 +32,6 @@ from varint.multibody.parts import (
     loop_of,
     motor_of,
     named,
-    refuse_moments,
     spring_of,
     thrust_of,
 )
@@ -133,9 +132,7 @@ class Model:
             (0, 0, I), is taken: it is all that a body needs that turns about one axis.
         """
         name = new_name("body", name, self.bodies)
-        body = body_of(name, mass, com, inertia, visuals)
-        refuse_moments(body)
-        self.bodies[name] = body
+        self.bodies[name] = body_of(name, mass, com, inertia, visuals)
         self._system = None
         return self.bodies[name]
 

@@ -37,18 +37,8 @@ def joint_named(machine: Machine, name: Any) -> Joint:
 
 
 def body_of(name: str, mass: Any, com: Any, inertia: Any, visuals: Sequence[Any]) -> Body:
-    """A body, checked."""
-    return Body(
-        name,
-        not_negative(f"the mass of body {name!r}", mass),
-        point(f"the centre of mass of body {name!r}", com),
-        inertia_matrix(f"the inertia of body {name!r}", inertia),
-        tuple(visuals),
-    )
-
-
-def refuse_moments(body: Body) -> None:
-    """Principal moments of a rigid body fulfil I1 + I2 ≥ I3."""
+    """A body, checked; its principal moments fulfil I1 + I2 ≥ I3."""
+    body = body_as_told(name, mass, com, inertia, visuals)
     if excess_moment(body.inertia) > SYMMETRIC:
         raise InputError(
             f"no rigid body has the principal moments {_moments(body)} of body {body.name!r}: none "
@@ -56,6 +46,18 @@ def refuse_moments(body: Body) -> None:
             "give them about the centre of mass, or of a body that turns about one axis alone "
             "that moment and zeros, as (0, 0, I)"
         )
+    return body
+
+
+def body_as_told(name: str, mass: Any, com: Any, inertia: Any, visuals: Sequence[Any]) -> Body:
+    """A body, checked but for the sums of its moments."""
+    return Body(
+        name,
+        not_negative(f"the mass of body {name!r}", mass),
+        point(f"the centre of mass of body {name!r}", com),
+        inertia_matrix(f"the inertia of body {name!r}", inertia),
+        tuple(visuals),
+    )
 
 
 def doubtful_moments(source: str, bodies: Mapping[str, Body]) -> str | None:

@@ -14,7 +14,7 @@ from varint.multibody.data import WORLD, Limits, Passive
 from varint.multibody.elements import Element, Unread, document, located
 from varint.multibody.model import Model
 from varint.multibody.names import new_name
-from varint.multibody.parts import body_of, doubtful_moments
+from varint.multibody.parts import body_as_told, doubtful_moments
 from varint.multibody.shapes import Shape
 from varint.multibody.urdf_shapes import NONE, link_shapes, origin
 
@@ -193,7 +193,7 @@ def _body(model: Model, link: Element, shapes: tuple[Shape, ...], unread: Unread
     mass, com, inertia = _inertial(link, unread)
     name = link.text("name")
     model.bodies[name] = located(
-        link, lambda: body_of(new_name("body", name, model.bodies), mass, com, inertia, shapes)
+        link, lambda: body_as_told(new_name("body", name, model.bodies), mass, com, inertia, shapes)
     )
 
 
