@@ -253,3 +253,32 @@ def test_lines_of_equilibria_are_given_once():
     found = orbits.equilibria(vi.System(q, v, cart), box=[(-1, 1), (-1, 4)])
     assert np.round(found[0].q[1], 9) == 0 and np.round(found[1].q[1], 9) == round(np.pi, 9)
     assert [x.split(":")[0] for x in found.verdicts] == ["stable", "unstable"]
+
+
+def plane(potential):
+    """Unit mass in a plane, under the potential of (x, y)."""
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - potential(*ca.vertsplit(q)))
+
+
+@pytest.mark.parametrize(
+    "potential, count, along",
+    [
+        (lambda x, y: (x**2 + y**2 - 1) ** 2, 2, ("x", "y")),  # the ring, and its centre
+        (lambda x, y: (y - x**2) ** 2, 1, ("x", "y")),  # a bent valley
+        (lambda x, y: x**4 - x**2, 3, ("y",)),  # a bead that nothing pushes along y
+        (lambda x, y: x**3 + y**2, 1, ()),  # no stiffness, and alone
+        (lambda x, y: (x**2 + y**2 - 1) ** 2 * ((x - 4) ** 2 + y**2 - 1) ** 2, 5, ("x", "y")),
+    ],
+)
+def test_equilibria_that_fill_a_curve_are_given_once_and_say_so(potential, count, along):
+    """They were listed one by one: 97 of a ring, 64 of a valley."""
+    found = vi.orbits.equilibria(plane(potential), box=[(-2, 6), (-2, 2)])
+    assert len(found) == count and found.goes_on[0] == along
+    assert (f"one of many, which go on along {', '.join(along)}" in str(found)) == bool(along)
+
+
+def test_an_equilibrium_near_a_guess_says_that_it_is_one_of_many():
+    found = vi.orbits.equilibria(plane(lambda x, y: (y - x**2) ** 2), [0.5, 0.5])
+    assert found.goes_on == (("x", "y"),)
+    assert vi.orbits.equilibria(plane(lambda x, y: x**2 + y**2), [0.5, 0.5]).goes_on == ((),)

@@ -12,15 +12,15 @@ import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.orbits.modes import NormalModes, normal_modes
-from varint.orbits.oscillations import is_degenerate, is_regular, linearised
-from varint.orbits.rest import Equilibrium, left_at, require_restful, rest
+from varint.orbits.oscillations import is_regular, linearised
+from varint.orbits.rest import Equilibrium, require_restful, rest
+from varint.orbits.rest_families import goes_on_along, one_of_each
 from varint.orbits.resting import EQUILIBRIA, save_equilibria
 from varint.scene.inputs import finite_array, generator, positive_integer, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
 
 SAME = 1e-7  # of the coordinates: equilibria this close are one
-JOINED = 1e-9  # of the forces in the box: those along which equilibria go on
 TINY = 1e-12  # coordinates and energies that are printed as 0
 
 
@@ -59,6 +59,13 @@ class Equilibria:
             for one in self
         )
 
+    @cached_property
+    def goes_on(self) -> tuple[tuple[str, ...], ...]:
+        """The coordinates along which other equilibria follow each: one of a curve or surface of
+        them, as a bead has that nothing pushes along a wire. Empty of isolated ones.
+        """
+        return tuple(goes_on_along(one) for one in self)
+
     def save(self, path: Any) -> None:
         """Write them with their scene to one ``.npz`` file, which `varint.load` reads."""
         save_equilibria(path, EQUILIBRIA, self.items)
@@ -67,8 +74,8 @@ class Equilibria:
         """Head and rows of the table: coordinates, energy, stability."""
         head = (*self.items[0].system.names, "energy", "stability")
         rows = [
-            (*(_short(x) for x in one.q), _short(one.energy), words)
-            for one, words in zip(self, self.verdicts, strict=True)
+            (*(_short(x) for x in one.q), _short(one.energy), words + _said(names))
+            for one, words, names in zip(self, self.verdicts, self.goes_on, strict=True)
         ]
         return [head, *rows]
 
@@ -113,7 +120,8 @@ def equilibria(
         Lower and upper bounds of the coordinates, ``{"theta": (-4, 4)}``, in which to look from
         `starts` random configurations; coordinates left out of a dictionary are 0 at the start and
         unbounded. What is found is complete only as far as the starts reach; of equilibria that
-        go on along a straight line one is given.
+        go on along a line, a curve or a surface one is given (`Equilibria.goes_on` has the
+        coordinates), or some where the starts leave wide gaps.
     starts, seed : int
     params : dict, optional
         Parameter values that differ from the defaults, by name or symbol.
@@ -175,29 +183,7 @@ def equilibria(
             time=0.0,
             residual=float("nan"),
         )
-    return _sorted(_apart(list(_sorted(found)), places))
-
-
-def _apart(found: list[Equilibrium], places: np.ndarray) -> list[Equilibrium]:
-    """One of those that go on along a direction without stiffness, the best balanced, and all
-    others.
-    """
-    loose = [one for one in found if is_degenerate(one)]
-    if len(loose) < 2:
-        return found
-    forces = np.abs([left_at(loose[0], q) for q in places])
-    size = JOINED * np.median(forces[np.isfinite(forces).all(axis=1)], axis=0)
-    kept: list[Equilibrium] = []
-    for one in sorted(loose, key=lambda x: float(np.abs(left_at(x, x.q)).max())):
-        if not any(_are_joined(one, other, size) for other in kept):
-            kept.append(one)
-    return [one for one in found if one in kept or one not in loose]
-
-
-def _are_joined(one: Equilibrium, other: Equilibrium, size: np.ndarray) -> bool:
-    """Whether nothing drives anywhere on the line between them."""
-    between = np.linspace(one.q, other.q, 7)
-    return all(bool((np.abs(left_at(one, q)) <= size).all()) for q in between)
+    return _sorted(one_of_each(list(_sorted(found)), places))
 
 
 def _sorted(found: list[Equilibrium]) -> Equilibria:
@@ -230,6 +216,11 @@ def _bounds(system: System, box: Any) -> tuple[np.ndarray, np.ndarray]:
     if (low == high).all():
         raise InputError("box is a point: it takes a pair (lower, upper) for each coordinate")
     return low, high
+
+
+def _said(names: tuple[str, ...]) -> str:
+    """What is added of one that is not alone."""
+    return f"; one of many, which go on along {', '.join(names)}" if names else ""
 
 
 def _short(x: float) -> str:

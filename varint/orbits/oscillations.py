@@ -70,6 +70,14 @@ def is_degenerate(at: Equilibrium) -> bool:
     return bool((values <= SINGULAR * values.max(initial=0.0)).any())
 
 
+def loose_directions(at: Equilibrium) -> np.ndarray:
+    """Directions of the coordinates without stiffness, (n, k)."""
+    linear = linearised(at)
+    own = _own(linear.mass)
+    _, values, vectors = np.linalg.svd(linear.stiffness / np.outer(own, own))
+    return linear.tangents @ (vectors[values <= SINGULAR * values.max()].T / own[:, None])
+
+
 def _own(mass: np.ndarray) -> np.ndarray:
     """Roots of the masses, by which stiffness is measured."""
     own = np.sqrt(np.abs(np.diag(mass)))
