@@ -99,7 +99,7 @@ def test_a_drive_that_nothing_answers_is_said_to_have_no_orbit():
         orbits.periodic(wheel, ([0.0], [0.0]), period=2 * np.pi)
 
 
-@pytest.mark.parametrize("period", [2.0, 4.0, 7.0, 6.28])
+@pytest.mark.parametrize("period", [2.0, 4.0, 7.0, 6.2])
 def test_a_period_that_is_none_of_the_drive_is_refused(period):
     """Newton's method closes one such period, behind which the motion leaves."""
     scene = duffing(lambda omega, t: ca.cos(omega * t))
@@ -110,6 +110,17 @@ def test_a_period_that_is_none_of_the_drive_is_refused(period):
             scene, ([0.4], [0.0]), period=2 * np.pi * many, params=dict(omega=1.0)
         )
         assert found.residual < 1e-12
+
+
+@pytest.mark.parametrize("period", [6.2832, 6.28, 18.8496])
+def test_a_period_of_a_few_digits_is_that_of_the_drive(period):
+    """It was refused with the advice to give all digits."""
+    scene = duffing(lambda omega, t: ca.cos(omega * t))
+    with pytest.warns(UserWarning, match=f"period={period} is taken for [0-9.]+, after which"):
+        found = orbits.periodic(scene, ([0.4], [0.0]), period=period, params=dict(omega=1.0))
+    many = round(period / (2 * np.pi))
+    assert found.period == pytest.approx(2 * np.pi * many, rel=1e-14)
+    assert found.residual < 1e-12
 
 
 def test_drives_that_change_a_lagrangian_by_a_total_derivative_repeat():

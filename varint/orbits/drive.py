@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 
@@ -16,6 +19,8 @@ from varint.scene.system import System
 CHANGED = 1e-2  # of the parameter: for looking at the drive with another value
 SAME = 1e-9  # of the sizes of momenta, forces and g: differences that are round-off
 REPEATS = 1e-8  # of the size of each: periods given to ten digits make less
+FEW_DIGITS = 1e-3  # of a period: what it may be rounded by
+STEP, LAST, MOST_CORRECTIONS = 1e-7, 1e-15, 12  # of a period: for slopes, and where its search ends
 ROUND_OFF = 1e-13  # of the largest of them: sizes that are none
 POWERS = (0, -1, 1)  # T ∝ cᵃ: not at all, of a frequency, of a period
 TIMES = 7  # at which the drive is looked at
@@ -54,22 +59,67 @@ def drive_of(orbit: Orbit, name: str, index: int) -> int:
     )
 
 
-def require_repeats(system: System, guess: Guess) -> None:
-    """Refuse periods after which a scene that depends on time is another one: a motion that closes
-    once would not close again.
+def with_repeats(system: System, guess: Guess) -> Guess:
+    """The guess with a period after which the scene is the same: its own, or the one that it gives
+    a few digits of.
+
+    Warns
+    -----
+    UserWarning
+        If another period is taken, with both.
 
     Raises
     ------
     InputError
-        If momenta or forces at the same q and v are not the same a period later.
+        If momenta or forces at the same q and v are not the same a period later: a motion that
+        closes once would not close again.
     """
     if system.structure.autonomous:
-        return
-    n, period = len(guess.shift), guess.period
+        return guess
+    apart = _largest(_changes(system, guess, guess.period))
+    if apart <= REPEATS:
+        return guess
+    period = _repeat_near(system, guess)
+    if period is None:
+        raise InputError(
+            f"period={guess.period:.12g}, but the scene depends on time and is not the same that "
+            f"much later: momenta or forces at the same q and v differ by {apart:.2g} of their "
+            "sizes, so that no motion goes on repeating; give the period of the drive, or a "
+            "multiple of it"
+        )
+    warnings.warn(
+        f"period={guess.period:.12g} is taken for {period:.16g}, after which the scene is the same",
+        stacklevel=4,
+    )
+    return replace(guess, period=period)
+
+
+def _repeat_near(system: System, guess: Guess) -> float | None:
+    """The period within a thousandth of the guessed one after which the scene is the same, by
+    Newton's method on all that changes; None where there is none.
+    """
+    period = guess.period
+    for _ in range(MOST_CORRECTIONS):
+        left = _changes(system, guess, period)
+        slope = (_changes(system, guess, period * (1 + STEP)) - left) / (period * STEP)
+        step = -float(slope @ left) / max(float(slope @ slope), 1e-300)
+        period += step
+        if not abs(period - guess.period) <= FEW_DIGITS * abs(guess.period):
+            return None
+        if abs(step) <= LAST * abs(period):
+            break
+    return period if _largest(_changes(system, guess, period)) <= REPEATS else None
+
+
+def _changes(system: System, guess: Guess, period: float) -> np.ndarray:
+    """By how much momenta and forces differ a period later, at 64 states and times, in their own
+    sizes; where they are no numbers, by nothing.
+    """
+    n = len(guess.shift)
     speeds = velocity_at(system, guess.x, guess.t0, guess.c)[:n]
     at = np.concatenate([guess.x[:n], speeds])
     aside = ASIDE * max(float(np.abs(at).max()), 1.0)
-    times = guess.t0 + period * np.modf(np.sqrt(np.arange(2.0, 2.0 + LOOKS)))[0]
+    times = guess.t0 + guess.period * np.modf(np.sqrt(np.arange(2.0, 2.0 + LOOKS)))[0]
     turn = np.arange(1.0, 2 * n + 1)
     states = [at + aside * np.sin(k * k + 1.7 * k * turn) for k in range(LOOKS)]
     there, later = (
@@ -84,14 +134,11 @@ def require_repeats(system: System, guess: Guess) -> None:
     sound = np.isfinite(there).all(axis=1) & np.isfinite(later).all(axis=1)
     size = np.abs(there[sound]).max(axis=0, initial=0.0)
     size = np.maximum(size, ROUND_OFF * max(float(size.max(initial=0.0)), 1e-300))
-    apart = float((np.abs(later - there)[sound] / size).max(initial=0.0))
-    if apart > REPEATS:
-        raise InputError(
-            f"period={period:.12g}, but the scene depends on time and is not the same that much "
-            f"later: momenta or forces at the same q and v differ by {apart:.2g} of their sizes, "
-            "so that no motion goes on repeating; give the period of the drive, or a multiple of "
-            "it, to all digits"
-        )
+    return np.where(sound[:, None], (later - there) / size, 0.0).ravel()
+
+
+def _largest(changes: np.ndarray) -> float:
+    return float(np.abs(changes).max(initial=0.0))
 
 
 def _terms(system: System, q: np.ndarray, v: np.ndarray, t: float, c: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from varint.orbits.correct import (
     no_row,
     period_row,
 )
-from varint.orbits.drive import require_repeats
+from varint.orbits.drive import with_repeats
 from varint.orbits.guess import Guess, guess_of, prepared
 from varint.orbits.nearer import nearer
 from varint.orbits.orbit import Orbit
@@ -88,7 +88,7 @@ def periodic(
     period : float, optional
         The period, which is held. With `energy`, or where nothing is conserved, it is the first
         guess. Default: the duration of a guess that is a motion. In scenes that depend on time a
-        period of theirs, or a multiple of it.
+        period of theirs, or a multiple of it, to a thousandth at least.
     energy : float, optional
         The energy, which is held.
     params : dict, optional
@@ -111,6 +111,12 @@ def periodic(
     Returns
     -------
     Orbit
+
+    Warns
+    -----
+    UserWarning
+        If a scene that depends on time is the same not after the period, but after one that agrees
+        with it to a thousandth: that one is taken.
 
     Raises
     ------
@@ -172,8 +178,7 @@ def _checked(
     require_system(system)
     refuse_scene(system)
     first = guess_of(system, guess, period, params, number("t0", t0), turns)
-    require_repeats(system, first)
-    return first
+    return with_repeats(system, first)
 
 
 def orbit_near(
