@@ -44,6 +44,26 @@ def test_a_guess_a_hundred_times_too_large_does_no_harm(g, friction):
         assert np.abs(found.estimates - [9.81, 0.1, 1.0, 0.3]).max() < off
 
 
+@pytest.mark.parametrize("guess", [0.02, 0.05, 0.2, 0.4, 3.0, 100.0])
+@pytest.mark.parametrize("amplitude", [0.3, 1.0, 2.9])
+def test_the_length_of_a_pendulum_is_found_from_any_guess(guess, amplitude):
+    """L = ℓ² θ̇²/2 + g ℓ cos θ leaves little of its equations where ℓ is small, which was taken for
+    a solution from guesses below a half.
+    """
+    q, v = vi.coordinates("theta")
+    c = vi.Parameters(length=1.0)
+    swing = c.length**2 * v**2 / 2 + 9.81 * c.length * ca.cos(q)
+    system = vi.System(q, v, swing, params=c)
+    times = np.linspace(0, 6, 61)
+    true = vi.simulate(system, q0=amplitude, v0=0.0, duration=6.0, at=times)
+    angle = true.q[:, 0] + 0.01 * np.random.default_rng(0).normal(size=61)
+    seen = vi.Measurement(q, times, angle, 0.01)
+    start = [vi.Experiment([seen], q0=amplitude, v0=0.0)]
+    unknown = {"length": guess}
+    begun = from_the_data(estimation(system, vi.gauss(2), start, unknown, 0.02, None, 1, None))
+    assert begun.c == pytest.approx([1.0], rel=0.1)
+
+
 def test_controls_and_several_coordinates_start_from_the_data_too():
     q, v = vi.coordinates("x", "theta")
     u, c = ca.SX.sym("push"), vi.Parameters(cart=1.0, bob=1.0, drag=0.1)

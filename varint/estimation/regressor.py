@@ -7,6 +7,7 @@ step of least squares solves them from any guess. Nothing is differentiated twic
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -24,6 +25,8 @@ PASSES = 10  # of Gauss–Newton, where parameters enter non-linearly
 WINDOWS = 60  # at most: of several values each, overlapping by halves
 RANK = 1e-6  # relative singular value below which noisy data tell nothing
 SETTLED = 1e-8  # relative change of the parameters that ends the passes
+POOR = 0.5  # of momenta or forces: what is left where no motion was found
+TINY = 1e-300
 HOMOGENEOUS = 1e-8  # relative: what is left of the equations with all unknown parameters zero
 
 
@@ -79,29 +82,83 @@ def _parameters(p: Estimation, shown: list[list[Seen | None]]) -> np.ndarray | N
     if not many:
         return p.c
     scenes = [_windows(p, m, parts) for m, parts in zip(p.motions, shown, strict=True)]
+    c, balance = _improved(p, scenes, p.c.copy(), plainly)
+    if balance is not None and balance.poor:
+        better, after = _improved(p, scenes, p.c.copy(), by_momenta)
+        if after is not None and not after.poor:
+            return better
+    return None if balance is None else c
+
+
+class Balance(NamedTuple):
+    """What momenta and forces give in all windows (N,), and their slopes by the unknowns (N, k)."""
+
+    momenta: np.ndarray
+    forces: np.ndarray
+    of_momenta: np.ndarray
+    of_forces: np.ndarray
+
+    @property
+    def poor(self) -> bool:
+        """Whether they are far from balanced, whatever the scale of the Lagrangian."""
+        sizes = np.linalg.norm(self.momenta), np.linalg.norm(self.forces)
+        return bool(np.linalg.norm(self.momenta + self.forces) > POOR * max(sizes))
+
+
+Form = Callable[[Balance], tuple[np.ndarray, np.ndarray]]
+
+
+def plainly(x: Balance) -> tuple[np.ndarray, np.ndarray]:
+    """What is left, linear where L and F are."""
+    return x.momenta + x.forces, x.of_momenta + x.of_forces
+
+
+def by_momenta(x: Balance) -> tuple[np.ndarray, np.ndarray]:
+    """The same in units of the momenta: a small Lagrangian, as of a short pendulum, leaves little
+    and is no solution.
+    """
+    left, slope = plainly(x)
+    size = max(float(np.linalg.norm(x.momenta)), TINY)
+    along = x.momenta @ x.of_momenta / size**2
+    return left / size, (slope - np.outer(left, along)) / size
+
+
+def _improved(
+    p: Estimation, scenes: list[Points], c: np.ndarray, form: Form
+) -> tuple[np.ndarray, Balance | None]:
+    """c after passes of Gauss–Newton, and what its equations leave; None where they say nothing."""
+    many = len(p.theta)
     low, high = p.lower[:many], p.upper[:many]
-    c = p.c.copy()
-    left, slope = _equations(p, scenes, c)
+    balance = _equations(p, scenes, c)
+    left, slope = form(balance)
     if not len(left) or not np.isfinite(slope).all():
-        return None
+        return c, None
     size = np.maximum(np.abs(c[p.theta]), 1e-3)
     told = np.abs(slope * size).max(axis=0) > 0
-    if np.abs(slope @ c[p.theta] - left).max() < HOMOGENEOUS * np.abs(slope * size).max():
-        told[np.flatnonzero(told)[:1]] = False  # the scale is free: one keeps its guess
+    if form is plainly and _scale_is_free(slope, left, c[p.theta], size):
+        told[np.flatnonzero(told)[:1]] = False  # one keeps its guess
     for _ in range(PASSES):
         moved = np.zeros(many)
         scaled = (slope * size)[:, told]
         moved[told] = -np.linalg.lstsq(scaled, left, rcond=RANK)[0] * size[told]
         trial = c.copy()
         trial[p.theta] = np.clip(c[p.theta] + moved, low, high)
-        after, of_after = _equations(p, scenes, trial)
+        there = _equations(p, scenes, trial)
+        after, of_after = form(there)
         if not np.isfinite(of_after).all() or not after @ after < left @ left:
             break
         settled = np.abs(trial - c).max() <= SETTLED * np.abs(size).max()
-        c, left, slope = trial, after, of_after
+        c, balance, left, slope = trial, there, after, of_after
         if settled:
             break
-    return c
+    return c, balance
+
+
+def _scale_is_free(
+    slope: np.ndarray, left: np.ndarray, theta: np.ndarray, size: np.ndarray
+) -> bool:
+    """Whether all of the equations grow with the unknowns."""
+    return bool(np.abs(slope @ theta - left).max() < HOMOGENEOUS * np.abs(slope * size).max())
 
 
 def _windows(p: Estimation, motion: Motion, parts: list[Seen | None]) -> Points:
@@ -135,17 +192,18 @@ def _windows(p: Estimation, motion: Motion, parts: list[Seen | None]) -> Points:
     return Points(q, v, t.ravel()[here], u, (rise * many)[:, here], (bump * many)[:, here])
 
 
-def _equations(p: Estimation, scenes: list[Points], c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """∫ (∂L/∂v φ' + (∂L/∂q + F) φ) dt of all windows, and its derivatives by the unknowns."""
-    n, left, slopes = p.system.structure.n, [], []
+def _equations(p: Estimation, scenes: list[Points], c: np.ndarray) -> Balance:
+    """∫ ∂L/∂v φ' dt and ∫ (∂L/∂q + F) φ dt of all windows, and derivatives by the unknowns."""
+    n, many, found = p.system.structure.n, len(p.theta), list[tuple[np.ndarray, ...]]()
     for x in scenes:
         flat = over_columns(principle(p.system), x.q, x.v, x.t[:, None], x.u, c)
         of_c = [y.reshape(len(x.t), -1, n).transpose(0, 2, 1)[:, :, p.theta] for y in flat[2:]]
-        left.append((x.rise @ flat[0] + x.bump @ flat[1]).ravel())
-        slope = np.einsum("wt,tnc->wnc", x.rise, of_c[0])
-        slope += np.einsum("wt,tnc->wnc", x.bump, of_c[1])
-        slopes.append(slope.reshape(-1, len(p.theta)))
-    return np.concatenate(left), np.concatenate(slopes)
+        slopes = (
+            np.einsum("wt,tnc->wnc", weights, of).reshape(-1, many)
+            for weights, of in zip((x.rise, x.bump), of_c, strict=True)
+        )
+        found.append(((x.rise @ flat[0]).ravel(), (x.bump @ flat[1]).ravel(), *slopes))
+    return Balance(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 @per_system
