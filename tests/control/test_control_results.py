@@ -61,6 +61,14 @@ def test_saved_solution_comes_back_with_cost_costates_controls_replay_and_report
         vi.refine(again)
 
 
+def test_reports_of_motions_that_are_not_linear_point_to_other_minima(capsys):
+    """Costs of a swing-up jump with the number of steps, and nothing said where to look."""
+    swing_up(steps=12).report()
+    assert "multistart looks for them" in capsys.readouterr().out
+    move(vi.gauss(2), 5).report()
+    assert "multistart" not in capsys.readouterr().out
+
+
 def test_costates_are_the_same_when_asked_for_later():
     """They belong to the numbers that the problem was solved with, not to those it has by then."""
     q, v = vi.coordinates("x")

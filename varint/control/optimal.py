@@ -144,6 +144,11 @@ def optimal_control(
 
     Notes
     -----
+    What is found is a minimum near the start. Where the equations of motion are not linear, as in
+    swing-ups, there are others as a rule: from the default start the cost may jump as `steps` grow,
+    for another one is met. `multistart` tries many starts; a solution on few steps as the guess of
+    one on more stays with its minimum as a rule.
+
     Ober-Blöbaum, Junge, Marsden, Discrete mechanics and optimal control, ESAIM: COCV 17 (2011), §3.
 
     Examples

@@ -276,6 +276,11 @@ class ControlSolution:
                 f"  starts               costs of the minima found near the first start: {costs}; "
                 "multistart looks further"
             )
+        elif not motion.system.structure.linear:
+            lines.append(
+                "  minimum              one near the start; other guesses or numbers of steps may "
+                "lead to others, multistart looks for them"
+            )
         for i, at in swinging_controls(self.u).items():
             times = motion.t[0] + motion.duration * at
             lines.append(
