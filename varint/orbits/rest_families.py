@@ -10,9 +10,7 @@ from varint.errors import ConvergenceError, InputError
 from varint.orbits.oscillations import is_degenerate, loose_directions
 from varint.orbits.rest import Equilibrium, left_at, rest
 
-ASIDE = (
-    1e-3  # of the coordinates, or of 1: how far beside an equilibrium the next one is looked for
-)
+ASIDE = 1e-3  # of the coordinates, or of 1: the next one is looked for so far beside
 NEAR = 0.2  # of such a step, or of a chord: an equilibrium this near goes on there
 SHARES = 0.5, 0.25, 0.75  # of a chord, at which equilibria must lie beside it
 NAMED = 0.1  # of the largest component of a direction
