@@ -34,7 +34,12 @@ def test_arcs_that_become_shorter_and_shorter_end_in_rest():
     assert motion.at([20.0]).q[0, 0] == pytest.approx(0.0, abs=1e-18)
 
 
-HERTZ = [(6e3, 1.5, 0.19, 1e-9), (5378.47, 1.25, 0.1388, 1e-9), (7.7e5, 2.5, 0.0785, 1e-10)]
+HERTZ = [
+    (6e3, 1.5, 0.19, 1e-9),
+    (5378.47, 1.25, 0.1388, 1e-9),
+    (7.7e5, 2.5, 0.0785, 1e-10),
+    (210.0, 0.5, 0.275, 1e-7),
+]
 QUADRATURE = 1e-11  # of the reference, relative
 
 

@@ -30,6 +30,9 @@ PLACES, NEARER, SEEN, ALIKE = 32, 4, 3, 1e-9  # looks, of so many sizes; of the 
 MOST_HALVINGS, BITS, LEFT = 40, 14, 4.0
 
 
+STIFF = 2.0  # order of steps beside a force that grows linearly
+
+
 class Fractional(NamedTuple):
     """Bases of such powers, by (q, v, t, c); by which power of its size a step that begins or ends
     at a zero of theirs errs; and which of them, (base, switch, side), are zero exactly where a
@@ -45,12 +48,24 @@ def halvings(course: Course, branch: Branch) -> int:
     """How often steps that begin or end at the switches of a branch are halved towards them; 0
     where no powers begin, or steps are given.
     """
-    known = _fractional(course.system)
-    if known is None or course.grid is not None:
+    least = _least_order(course, branch)
+    if not math.isfinite(least) or course.grid is not None:
         return 0
-    met = [known.orders[k] for k, j, side in known.meet if branch.values[j] == side]
-    wanted = BITS - math.log2(course.tol)
-    return min(math.ceil(wanted / min(met)), MOST_HALVINGS) if met else 0
+    return min(math.ceil((BITS - math.log2(course.tol)) / least), MOST_HALVINGS)
+
+
+def stiff_at_first(course: Course, branch: Branch) -> bool:
+    """Whether stiffness is infinite at a switch of a branch, as of a contact by powers below one:
+    its small motions there tell nothing.
+    """
+    return _least_order(course, branch) < STIFF
+
+
+def _least_order(course: Course, branch: Branch) -> float:
+    known = _fractional(course.system)
+    meet = () if known is None else known.meet
+    met = (known.orders[k] for k, j, side in meet if branch.values[j] == side)  # type: ignore[union-attr]
+    return float(min(met, default=math.inf))
 
 
 def left_by_halvings(course: Course, pieces: Sequence[Piece]) -> float:

@@ -16,7 +16,7 @@ from varint.integration.switches.course import Course, Piece, which_moves
 from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.drive import drive_frequency, fastest_small_motion
-from varint.integration.switches.fractional import halvings
+from varint.integration.switches.fractional import halvings, stiff_at_first
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.touching import held_scene
 from varint.numerics.arrays import call
@@ -168,7 +168,9 @@ def unit_of(course: Course, branch: Branch, start: State) -> float:
         c, total = all_parameters(course.problem.c, branch), course.problem.h
         v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
         # what holds the motion slows it down
-        fastest = fastest_small_motion(scene.system, start._replace(v=v), c)
+        fastest = 0.0
+        if not stiff_at_first(course, branch):
+            fastest = fastest_small_motion(scene.system, start._replace(v=v), c)
         drive = drive_frequency(course.system, start._replace(v=v, t=course.problem.t0), c, total)
         fastest = max(fastest, drive)
         most = abs(total) / UNITS

@@ -8,6 +8,7 @@ import casadi as ca
 
 from varint.numerics.operations import WITH_STEPS, operation
 
+POWERS = frozenset(("sqrt", "pow", "constpow"))
 # not defined everywhere; of a power, where its exponent is no whole number
 BOUNDED = frozenset(("sqrt", "log", "log1p", "pow", "constpow", "asin", "acos", "acosh", "atanh"))
 
@@ -41,6 +42,7 @@ class Switches:
         self._known: dict[tuple[Any, ...], Node] = {}
         self._made: list[tuple[str, tuple[Node, ...]]] = []
         self._places: dict[tuple[Any, ...], int] = {}
+        self._floors: set[int] = set()  # nodes that are the largest of zero and others
 
     def given(self, x: ca.SX) -> Node:
         """A symbol, or a number."""
@@ -59,7 +61,10 @@ class Switches:
         value = operation(name, *(x.value for x in taken))
         if name in BOUNDED and taken[0].moves:
             exponent = float(taken[1].value) if name == "constpow" else 0.5
-            self.bounded |= exponent != round(exponent)
+            if name in POWERS and taken[0].number in self._floors:  # beyond its branch as well
+                value = operation(name, ca.fabs(taken[0].value), *(x.value for x in taken[1:]))
+            elif not (name in POWERS and self._positive(taken[0])):
+                self.bounded |= exponent != round(exponent)
         return self._kept(key, value, any(x.moves for x in taken), (name, taken))
 
     def sign(self, a: Node) -> Node:
@@ -88,7 +93,9 @@ class Switches:
     def _positive(self, a: Node) -> bool:
         """Whether it is nowhere negative, as far as its last operations tell."""
         name, taken = self._made[a.number]
-        if name in ("mul", "div"):
+        if a.number in self._floors:
+            return True
+        if name in ("mul", "div", "add", "twice"):
             return all(map(self._positive, taken))
         if name in ("pow", "constpow", "sqrt"):
             return name == "sqrt" or self._positive(taken[0])
@@ -116,6 +123,12 @@ class Switches:
         """A where it is on, b elsewhere."""
         first = self.read("if_else_zero", on, a)
         return self.read("add", first, self.read("if_else_zero", self.read("not", on), b))
+
+    def floor(self, largest: Node, *of: Node) -> Node:
+        """The largest of some, which is nowhere negative where one of them is not."""
+        if any(map(self._positive, of)):
+            self._floors.add(largest.number)
+        return largest
 
     def number(self, x: float) -> Node:
         return self.given(ca.SX(x))
@@ -160,7 +173,7 @@ def _fabs(s: Switches, a: Node) -> Node:
 
 def _largest(s: Switches, a: Node, b: Node) -> Node:
     on = s.on(s.side(a, b))
-    return s.kink("fmax", a, b) if s.kinks else s.choose(on, a, b)
+    return s.floor(s.kink("fmax", a, b) if s.kinks else s.choose(on, a, b), a, b)
 
 
 def _least(s: Switches, a: Node, b: Node) -> Node:
