@@ -21,16 +21,15 @@ from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.boundary.winding import other_way, with_ways_compared
 from varint.errors import InputError, SolverError
-from varint.integration.tolerance import LEAST_TOL, MOST_TOL
+from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule, gauss
+from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.free import Free
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
 FIRST_STEPS = 16  # that refinement begins with
-USUAL_STEPS = 40  # where nothing is said
 
 
 def least_action(
@@ -63,8 +62,9 @@ def least_action(
     ----------
     system : System
     rule : Rule, optional
-        Default: the scene's own, or `gauss(2)` where that has no path between its nodes and the
-        action is minimised.
+        Default: `gauss(6)`, with constraints `lobatto(6)`, where steps are chosen for an accuracy;
+        else the scene's own, or `gauss(2)` where that has no path between its nodes and the action
+        is minimised.
     q0, q_end : array (n,)
         End points; both are left out for periodic paths.
     q_start : array (n,)
@@ -74,12 +74,13 @@ def least_action(
         the duration as well (least time, where S is the time); with `energy`, no more than a guess
         and a check of the result.
     steps : int, optional
-        Number of steps; with `tol` the number to begin with. Where neither is given and no action
-        is minimised, 40, and `gauss(6)` as with `tol`.
+        Number of steps, all equal; with `tol` the number to begin with. Where the action is
+        minimised it must be given.
     tol : float, optional
         Error wanted of q and p at the nodes, relative to the range of each coordinate and to the
-        largest momentum: steps are then divided where the path needs it (`Trajectory.sizes`), and
-        the rule is `gauss(6)` where none is given and there are no constraints.
+        largest momentum: steps are then divided where the path needs it (`Trajectory.sizes`). With
+        neither `steps` nor `tol` it is 1e-9 as for `simulate`, and a path whose error stays above
+        that comes with a warning.
     t0 : float
         Start time.
     guess : array (k, n) or Trajectory, optional
@@ -87,7 +88,7 @@ def least_action(
         straight line. The path goes the way of the guess, for instance as often round a centre of
         attraction, where one is found. A periodic path needs a guess.
     u : array (steps, k) or (steps, r, k) or (k,), optional
-        Controls, as for `simulate`.
+        Controls, as for `simulate`; where steps are chosen, each row of a table is over as long.
     params : dict, optional
         Parameter values that differ from the defaults, by name or symbol.
     bounds : sequence of (lower, expression, upper), optional
@@ -118,7 +119,8 @@ def least_action(
     InputError
         If the input is not a well-posed problem; the message says what to change.
     SolverError
-        If no path was found, or none with an error of `tol`; `iterate` is the last one tried.
+        If no path was found, or none with an error of `tol` that was given; `iterate` is the last
+        one tried.
         Another `guess` or more steps may help. If the ends are conjugate to each other: then no
         path or a whole family of them joins the ends.
 
@@ -162,19 +164,19 @@ def solutions(
             f"bounds must be a list of (lower, expression, upper), got {type(bounds).__name__}"
         )
     minimise = bool(bounds) or (isinstance(duration, Free) and given["energy"] is None)
-    usual = steps is None and tol is None and not minimise
-    if usual:
-        steps = USUAL_STEPS
-    wanted = usual or tol is not None
-    if rule is None and not system.structure.constraints and (minimise or wanted):
-        rule = gauss(6 if wanted else 2)  # a composition has no path between its nodes
+    asked = tol is not None
+    if steps is None and not asked and not minimise:
+        tol = DEFAULT_TOL
+    if rule is None:
+        rule = _usual_rule(system, tol is not None, minimise)
+    begin = _steps(steps, tol, minimise, _rows(system, given["u"]))
     problem, nodes, (time, *window) = boundary_value_problem(
-        system, rule, duration=duration, steps=_steps(steps, tol, minimise), **given
+        system, rule, duration=duration, steps=begin, **given
     )
     if minimise:
         first = first_path(problem, nodes, time)
         path = minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
-        _check_error(path, path.stats["error_estimate"], None)
+        _check_error(path, path.stats["error_estimate"], None, asked)
         yield path
         return
     for mesh, outcome, error in search(problem, nodes, time, tol):
@@ -187,7 +189,7 @@ def solutions(
                 status="duration outside its bounds",
                 iterate=path,
             )
-        _check_error(path, error, tol)
+        _check_error(path, error, tol, asked)
         yield (
             path if given["guess"] is None or given["periodic"] else with_ways_compared(path, nodes)
         )
@@ -213,15 +215,23 @@ def _check_solved(problem: BoundaryValueProblem, outcome: NewtonResult, path: Tr
         )
 
 
-def _check_error(path: Trajectory, error: float, tol: float | None) -> None:
-    """Refuse a path that misses `tol`; warn of one that may be none."""
+def _check_error(path: Trajectory, error: float, tol: float | None, asked: bool) -> None:
+    """Refuse a path that misses a `tol` that was asked for; warn of one that misses the usual one,
+    and of one that may be none.
+    """
     steps = len(path) - 1
-    if tol is not None and not error <= tol:
+    if tol is not None and not error <= (tol if asked else LARGE):
         raise SolverError(
             f"tol={tol:g} was not met: with {steps} steps the error is {error:.1e}; take a larger "
             "tol or a rule of higher order",
             status="tol out of reach",
             iterate=path,
+        )
+    if tol is not None and not error <= tol:
+        warnings.warn(
+            f"with {steps} steps of {path.rule} the error of this path is {error:.1e}, more than "
+            f"the usual {tol:g}; give tol= for another accuracy, or a rule of higher order",
+            stacklevel=3,
         )
     if not error <= LARGE:
         how = (
@@ -234,7 +244,23 @@ def _check_error(path: Trajectory, error: float, tol: float | None) -> None:
         )
 
 
-def _steps(steps: int | None, tol: float | None, minimise: bool) -> int:
+def _usual_rule(system: System, chosen: bool, minimise: bool) -> Rule | None:
+    """The rule of paths whose steps are chosen; None: the scene's own."""
+    constrained = isinstance(system, System) and bool(system.structure.constraints)
+    if chosen:
+        return lobatto(6) if constrained else gauss(6)
+    # a composition has no path between its nodes
+    return gauss(2) if minimise and not constrained else None
+
+
+def _rows(system: System, u: Any) -> int:
+    """Rows of a table of controls, those of the steps that refinement begins with."""
+    shape = np.shape(u)
+    table = len(shape) > 1 or (len(shape) == 1 and shape != (system.structure.controls,))
+    return shape[0] if table and shape[0] else FIRST_STEPS
+
+
+def _steps(steps: int | None, tol: float | None, minimise: bool, first: int) -> int:
     """Number of steps, or of those that refinement begins with."""
     if tol is None:
         if steps is None:
@@ -250,4 +276,4 @@ def _steps(steps: int | None, tol: float | None, minimise: bool) -> int:
             "tol is for stationary paths: a path of least action within bounds or of free duration "
             "takes steps"
         )
-    return FIRST_STEPS if steps is None else steps
+    return first if steps is None else steps

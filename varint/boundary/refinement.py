@@ -25,6 +25,7 @@ LINEAR = 1e-2  # of the error: what the linear solve may leave of it
 MOST_PARTS = 16  # of a step in one round: finer steps wait until the next round has looked
 MOST_ROUNDS = 12
 MOST_STEPS = 20_000
+MOST_LOST = 3  # meshes in turn on which there is no path: it is not for want of steps then
 MARGIN = 0.5  # of the wanted error is aimed at
 TURN = 0.3  # radians by which a first path may turn in a step
 FLOOR = 1e-14  # relative; differences of paths this small are round-off
@@ -96,13 +97,14 @@ def refine(
     error is large, says nothing: the next one starts from the first path again.
     """
     (mesh, near), halvings = first(0), 0
-    best, everywhere = np.inf, False
+    best, everywhere, lost = np.inf, False, 0
     for _ in range(MOST_ROUNDS):
         outcome = solve_with_continuation(mesh, near)
         error = path_error(mesh, outcome.iterate) if outcome.solved else None
         apart = np.inf if error is None else error.nodes
         stalled = apart > best / 2
-        if apart <= tol or (stalled and everywhere):
+        lost = 0 if outcome.solved else lost + 1
+        if apart <= tol or (stalled and everywhere) or lost == MOST_LOST:
             break
         if error is not None and apart <= LARGE:
             # what steps add by themselves may mislead: then all of them are halved
