@@ -67,3 +67,21 @@ def test_where_no_path_exists_the_search_ends_soon():
     theta = 2.3575510538774020
     exact = -2 * np.log(np.cosh(theta * (below.t - 0.5) / 2) / np.cosh(theta / 4))
     assert np.abs(below.q[:, 0] - exact).max() < 1e-9
+
+
+def test_several_paths_leave_out_what_is_none_and_say_so():
+    q, v = vi.coordinates("theta")
+    pendulum, ends = vi.System(q, v, v**2 / 2 + ca.cos(q)), dict(q0=0.0, q_end=1.0, starts=12)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        found = vi.paths(pendulum, vi.midpoint(), duration=6.0, steps=6, **ends)
+    assert ["left out" in str(one.message) for one in told] == [True, False]
+    assert all("6 steps of midpoint() are too few" in str(one.message) for one in told)
+    assert all(path.stats["error_estimate"] <= 0.1 for path in found)
+    with pytest.raises(vi.SolverError, match="may be none"):
+        vi.paths(pendulum, vi.midpoint(), duration=9.0, steps=4, **ends)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        every = vi.paths(pendulum, duration=6.0, **ends)
+    assert len(every) == 3
+    assert all(path.stats["error_estimate"] <= 1e-9 for path in every)

@@ -5,12 +5,13 @@ once.
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from varint.boundary.least_action import solutions
+from varint.boundary.least_action import doubt_of, solutions
 from varint.boundary.problem import start_of
 from varint.boundary.search import along_its_way, on_its_steps
 from varint.boundary.winding import Round, round_path, with_winding
@@ -24,6 +25,7 @@ from varint.scene.system import System, require_system
 
 WAVES = 4  # sines in a trial path: half a period to two
 SAME = 1e-6  # of the range of a path: two solutions this close are one
+NO_PATH = 0.1  # an error from which on the path with every step halved is another one, or none
 NODES = 33  # of a trial path, for every turn
 
 
@@ -70,8 +72,10 @@ def paths(
     Returns
     -------
     list of Trajectory
-        Each solution once. The list is complete only as far as the starts reach. Where places wind,
-        ``stats["winding"]`` says how often each path goes round, whatever was asked for, and both
+        Each solution once, but for those that change by more than a tenth of their range with every
+        step halved: a warning says how many first paths led to such. The list is complete only as
+        far as the starts reach. Where places wind, ``stats["winding"]`` says how often each path
+        goes round, whatever was asked for, and both
         paths of a number of turns are looked for, the fast and the slow one.
 
     Raises
@@ -79,7 +83,7 @@ def paths(
     InputError
         As for `least_action`, or if a wound coordinate does not exist.
     SolverError
-        If no start leads to a path.
+        If no start leads to a path, or all of them to such whose steps are too few for them.
 
     Examples
     --------
@@ -101,6 +105,7 @@ def paths(
     given = dict(q_start=start, t0=t0, u=u, params=params, energy=energy)
     given |= dict(periodic=False, symmetry=None)
     found: list[Trajectory] = []
+    doubtful: list[Trajectory] = []
     failure: SolverError | None = None
     for angles, rounds in _turns(winding, names):
         goal, asked_ways = end + 2 * np.pi * angles, 0
@@ -113,6 +118,9 @@ def paths(
             try:
                 for path in every:
                     wound = with_winding(path, rounds)
+                    if not _error(wound) <= NO_PATH:
+                        doubtful.append(wound)
+                        continue
                     asked_ways += wound.stats.get("winding") == {
                         tuple(names[i] for i in one.coordinates): one.turns for one in rounds
                     }
@@ -120,9 +128,32 @@ def paths(
                         found.append(wound)
             except SolverError as error:
                 failure = error
-    if not found and failure is not None:
-        raise failure
+    if not found:
+        _refuse(doubtful, failure)
+        return []
+    usual = steps is None and tol is None
+    if doubtful:
+        left = f"{len(doubtful)} first paths led to what may be none, which was left out: "
+        warnings.warn(f"{left}{doubt_of(doubtful[0], usual)}", stacklevel=2)
+    if doubt := doubt_of(max(found, key=_error), usual):
+        warnings.warn(doubt, stacklevel=2)
     return sorted(found, key=lambda path: path.action)
+
+
+def _refuse(doubtful: Sequence[Trajectory], failure: SolverError | None) -> None:
+    """Say why first paths led to none."""
+    if doubtful:
+        raise SolverError(
+            f"no path was found but what may be none: {doubt_of(doubtful[0], False)}",
+            status="too few steps",
+            iterate=doubtful[0],
+        )
+    if failure is not None:
+        raise failure
+
+
+def _error(path: Trajectory) -> float:
+    return float(path.stats["error_estimate"])
 
 
 def _turns(

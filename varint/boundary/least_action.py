@@ -140,9 +140,29 @@ def least_action(
     with notice("looking for a path of least action"):
         found = solutions(search, system, rule, duration, steps, tol, bounds, **given, **closed)
         path = next(found)
-    if other := other_way(path):
-        warnings.warn(other, stacklevel=2)
+    for doubt in (doubt_of(path, steps is None and tol is None), other_way(path)):
+        if doubt:
+            warnings.warn(doubt, stacklevel=2)
     return path
+
+
+def doubt_of(path: Trajectory, usual: bool) -> str | None:
+    """What to say of a path that may be none, or that misses the usual tolerance."""
+    error, steps = path.stats["error_estimate"], len(path) - 1
+    if not error <= LARGE:
+        how = (
+            f"the path changes by {error:.1g} of its range" if np.isfinite(error) else "it is none"
+        )
+        return (
+            f"{steps} steps of {path.rule} are too few for this path: with every step halved {how}"
+            ". Take more steps, or give tol=, which makes steps short where the path needs it"
+        )
+    if usual and not error <= DEFAULT_TOL:
+        return (
+            f"with {steps} steps of {path.rule} the error of this path is {error:.1e}, more than "
+            f"the usual {DEFAULT_TOL:g}; give tol= for another accuracy, or a rule of higher order"
+        )
+    return None
 
 
 def solutions(
@@ -175,9 +195,7 @@ def solutions(
     )
     if minimise:
         first = first_path(problem, nodes, time)
-        path = minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
-        _check_error(path, path.stats["error_estimate"], None, asked)
-        yield path
+        yield minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
         return
     for mesh, outcome, error in search(problem, nodes, time, tol):
         path = path_of(mesh, outcome, error, began)
@@ -216,31 +234,13 @@ def _check_solved(problem: BoundaryValueProblem, outcome: NewtonResult, path: Tr
 
 
 def _check_error(path: Trajectory, error: float, tol: float | None, asked: bool) -> None:
-    """Refuse a path that misses a `tol` that was asked for; warn of one that misses the usual one,
-    and of one that may be none.
-    """
-    steps = len(path) - 1
+    """Refuse a path that misses a `tol` that was asked for, or the usual one by far."""
     if tol is not None and not error <= (tol if asked else LARGE):
         raise SolverError(
-            f"tol={tol:g} was not met: with {steps} steps the error is {error:.1e}; take a larger "
-            "tol or a rule of higher order",
+            f"tol={tol:g} was not met: with {len(path) - 1} steps the error is {error:.1e}; take a "
+            "larger tol or a rule of higher order",
             status="tol out of reach",
             iterate=path,
-        )
-    if tol is not None and not error <= tol:
-        warnings.warn(
-            f"with {steps} steps of {path.rule} the error of this path is {error:.1e}, more than "
-            f"the usual {tol:g}; give tol= for another accuracy, or a rule of higher order",
-            stacklevel=3,
-        )
-    if not error <= LARGE:
-        how = (
-            f"the path changes by {error:.1g} of its range" if np.isfinite(error) else "it is none"
-        )
-        warnings.warn(
-            f"{steps} steps of {path.rule} are too few for this path: with every step halved {how}"
-            ". Take more steps, or give tol=, which makes steps short where the path needs it",
-            stacklevel=3,
         )
 
 
