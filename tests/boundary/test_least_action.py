@@ -362,7 +362,8 @@ def test_scenes_without_an_action_principle_between_ends_are_refused():
             vi.System(q2, v2, kinetic, force=-v2), **ends | dict(duration=vi.free(1.0, 0.1, 2.0))
         )
     with pytest.raises(vi.InputError, match="not finite along the first path"):
-        vi.least_action(kepler(dimensions=2), **ends | dict(q_end=[-1.0, 0.0]))
+        through = dict(q_end=[-1.0, 0.0], guess=[[1.0, 0.0], [-1.0, 0.0]])
+        vi.least_action(kepler(dimensions=2), **ends | through)
 
 
 def test_a_guess_through_a_singular_point_of_a_bound_is_told_in_words_without_a_dump(capfd):

@@ -57,7 +57,7 @@ def test_where_no_path_exists_the_search_ends_soon():
     bratu = vi.System(q, v, v**2 / 2 - 4.0 * ca.exp(q))  # solutions up to 3.5138…
     with pytest.raises(vi.SolverError, match="no path was found") as caught:
         vi.least_action(bratu, q0=0.0, q_end=0.0, duration=1.0)
-    assert len(caught.value.iterate) - 1 <= 64
+    assert len(caught.value.iterate) - 1 <= 32
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         below = vi.least_action(

@@ -231,3 +231,21 @@ def test_places_are_those_where_the_scene_is_singular():
     assert [names for names, _ in singular_places(system)] == [("x2-x1", "y2-y1")]
     soft = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.sqrt(apart**2 + 1e-6))
     assert singular_places(soft) == []
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-6, 1e-3, -1e-3])
+def test_lines_through_a_centre_are_bent_to_their_side(aside):
+    end = np.array([-1.2, aside])
+    path = vi.least_action(kepler(), q0=[1.0, 0.0], q_end=end, duration=3.0)
+    assert path.stats["error_estimate"] <= 1e-9
+    assert np.sign(path.q[len(path) // 2, 1]) == (-1 if aside < 0 else 1)
+    motion = vi.simulate(kepler(), q0=path.q[0], v0=path.v[0], duration=3.0, tol=1e-11)
+    assert motion.q[-1] == pytest.approx(end, abs=1e-8)
+
+
+def test_bodies_that_change_places_pass_each_other():
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    two = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q[:2] - q[2:]))
+    path = vi.least_action(two, q0=[1, 0, -1, 0], q_end=[-1, 0, 1, 0], duration=3.0)
+    assert path.stats["error_estimate"] <= 1e-9
+    assert np.linalg.norm(path.q[:, :2] - path.q[:, 2:], axis=1).min() > 0.5

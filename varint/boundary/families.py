@@ -75,8 +75,8 @@ def paths(
         Each solution once, but for those that change by more than a tenth of their range with every
         step halved: a warning says how many first paths led to such. The list is complete only as
         far as the starts reach. Where places wind, ``stats["winding"]`` says how often each path
-        goes round, whatever was asked for, and both
-        paths of a number of turns are looked for, the fast and the slow one.
+        goes round, whatever was asked for, and both paths of a number of turns are looked for, the
+        fast and the slow one.
 
     Raises
     ------

@@ -85,8 +85,9 @@ def least_action(
         Start time.
     guess : array (k, n) or Trajectory, optional
         Configurations at equally spaced times, the first and last at the ends. Default: the
-        straight line. The path goes the way of the guess, for instance as often round a centre of
-        attraction, where one is found. A periodic path needs a guess.
+        straight line, bent to a side where it leads through a singular place. The path goes the way
+        of the guess, for instance as often round a centre of attraction, where one is found. A
+        periodic path needs a guess.
     u : array (steps, k) or (steps, r, k) or (k,), optional
         Controls, as for `simulate`; where steps are chosen, each row of a table is over as long.
     params : dict, optional

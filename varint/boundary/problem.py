@@ -12,6 +12,7 @@ import numpy as np
 from varint.boundary.first_way import first_way
 from varint.boundary.iterate import Iterate, iterate_through, point_times
 from varint.boundary.stationary import BoundaryValueProblem
+from varint.boundary.winding import bent_aside
 from varint.discrete.lagrangian import constraint_function, interval, point_function
 from varint.errors import InputError, parsed_or_refused
 from varint.integration.plan import default_rule
@@ -73,6 +74,7 @@ def boundary_value_problem(
         ends, nodes = _path_between_ends(system, q_start, q_end, symmetry, guess)
         if guess is None:
             nodes = first_way(system, ends, t0, c)
+            nodes = bent_aside(system, ends) if nodes is ends else nodes
     problem = BoundaryValueProblem(
         system,
         rule,

@@ -25,7 +25,8 @@ LINEAR = 1e-2  # of the error: what the linear solve may leave of it
 MOST_PARTS = 16  # of a step in one round: finer steps wait until the next round has looked
 MOST_ROUNDS = 12
 MOST_STEPS = 20_000
-MOST_LOST = 3  # meshes in turn on which there is no path: it is not for want of steps then
+MOST_HALVINGS = 7  # of a first path whose steps are too few for any
+MOST_LOST = 2  # meshes in turn on which there is no path: it is not for want of steps then
 MARGIN = 0.5  # of the wanted error is aimed at
 TURN = 0.3  # radians by which a first path may turn in a step
 FLOOR = 1e-14  # relative; differences of paths this small are round-off
@@ -115,7 +116,7 @@ def refine(
         else:
             halvings += 1
             finer = first(halvings)
-        if finer[0].steps > MOST_STEPS:
+        if finer[0].steps > MOST_STEPS or halvings > MOST_HALVINGS:
             break
         mesh, near = finer
     return mesh, outcome, apart

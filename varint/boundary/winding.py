@@ -21,6 +21,8 @@ from varint.scene.system import System
 WAVY = 0.3  # radians, or of the distance: a way round the origin keeps its number of turns
 ALIGNED = 1e-9  # sine of an angle: directions this close leave their plane open
 SURE = 2.5  # radians between two nodes: where more are turned a way may as well go back
+BESIDE = 0.1  # of the nearer end's distance: a line that passes a singular place so near is bent
+ALONG = 33  # nodes of a line that is bent
 PLACES = 4  # at which it is looked whether the scene is singular where bodies meet
 
 
@@ -43,6 +45,28 @@ def round_path(
     angle = s * whole + WAVY * waves[:, 0]
     distance = first ** (1 - s) * last**s * np.exp(WAVY * waves[:, 1])
     return distance[:, None] * (np.outer(np.cos(angle), ahead) + np.outer(np.sin(angle), side))
+
+
+def bent_aside(system: System, ends: np.ndarray) -> np.ndarray:
+    """The line between two ends, bent where it leads through a place at which the scene is
+    singular, or close by, to a spiral on the side on which it passes.
+    """
+    nodes, s = ends, np.linspace(0, 1, ALONG)
+    for _, rows in singular_places(system):
+        start, end = places = ends @ rows.T
+        line = np.linspace(start, end, ALONG)
+        nearer, way = np.linalg.norm(places, axis=1).min(), end - start
+        if not nearer > 0 or not way.any():
+            continue
+        foot = np.clip(-(start @ way) / (way @ way), 0, 1)
+        if np.linalg.norm(start + foot * way) > BESIDE * nearer:
+            continue
+        ahead, side = _plane(start, end)
+        turns = 0 if np.arctan2(end @ side, end @ ahead) >= 0 else -1
+        aside = round_path(start, end, turns, s, np.zeros((ALONG, len(start)))) - line
+        nodes = np.linspace(ends[0], ends[1], ALONG) if nodes is ends else nodes
+        nodes = nodes + aside @ np.linalg.pinv(rows).T
+    return nodes
 
 
 def with_winding(path: Trajectory, rounds: Sequence[Round]) -> Trajectory:
