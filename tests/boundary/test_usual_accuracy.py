@@ -85,3 +85,33 @@ def test_several_paths_leave_out_what_is_none_and_say_so():
         every = vi.paths(pendulum, duration=6.0, **ends)
     assert len(every) == 3
     assert all(path.stats["error_estimate"] <= 1e-9 for path in every)
+
+
+def test_the_quickest_descent_needs_no_steps():
+    model = vi.models.brachistochrone(1.0, 1.0)
+    share, deep = np.linspace(0, 1, 30)[:, None], np.sqrt(2.0)
+    path = vi.least_action(
+        model.system,
+        q0=[0, 0],
+        q_end=[1, deep],
+        duration=vi.free(1.0, 0.01, 100.0),
+        guess=np.hstack([share, deep * np.sqrt(share)]),
+    )
+    radius, turn = vi.models.cycloid(1.0, 1.0)
+    assert path.action == pytest.approx(turn * np.sqrt(radius / 9.81), rel=1e-10)
+    assert path.stats["error_estimate"] < 1e-8
+
+
+def test_a_path_that_leans_on_a_bound_needs_no_steps_and_tells_what_it_misses():
+    x, v = vi.coordinates("x", "y")
+    free = vi.System(x, v, ca.sumsqr(v) / 2)
+    ends = dict(q0=[-2, 0], q_end=[2, 0], duration=1.0, guess=[[-2, 0], [0, 1.2], [2, 0]])
+    ends |= dict(bounds=[(1, ca.sumsqr(x), None)])
+    path = vi.least_action(free, **ends)
+    exact = 2 * np.sqrt(3) + np.pi / 3  # two tangents and an arc between them
+    assert path.stats["error_estimate"] <= 1e-5
+    assert np.sqrt(2 * path.action) == pytest.approx(exact, rel=1e-6)
+    with pytest.warns(UserWarning, match="more than the usual 1e-05; give steps="):
+        coarse = vi.least_action(free, vi.midpoint(), **ends)
+    assert len(coarse) - 1 == 160
+    assert np.sqrt(2 * coarse.action) == pytest.approx(exact, rel=1e-3)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.boundary.divided_steps import with_steps
 from varint.boundary.minimise import minimise_action
 from varint.boundary.newton import NewtonResult
 from varint.boundary.problem import boundary_value_problem, first_path, start_of
@@ -27,9 +28,11 @@ from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.free import Free
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System
+from varint.scene.system import System, require_system
 
 FIRST_STEPS = 16  # that refinement begins with
+LEAST_STEPS, MOST_STEPS = 20, 160  # of a path whose action is minimised, where nothing is said
+LEAST_ERROR = 1e-5  # of such a path: where it leans on a bound no rule has a high order
 
 
 def least_action(
@@ -62,9 +65,9 @@ def least_action(
     ----------
     system : System
     rule : Rule, optional
-        Default: `gauss(6)`, with constraints `lobatto(6)`, where steps are chosen for an accuracy;
-        else the scene's own, or `gauss(2)` where that has no path between its nodes and the action
-        is minimised.
+        Default: `gauss(6)`, with constraints `lobatto(6)`, where steps are chosen for an accuracy
+        (4 stages where the action is minimised); else the scene's own, or `gauss(2)` where that has
+        no path between its nodes and the action is minimised.
     q0, q_end : array (n,)
         End points; both are left out for periodic paths.
     q_start : array (n,)
@@ -74,13 +77,13 @@ def least_action(
         the duration as well (least time, where S is the time); with `energy`, no more than a guess
         and a check of the result.
     steps : int, optional
-        Number of steps, all equal; with `tol` the number to begin with. Where the action is
-        minimised it must be given.
+        Number of steps, all equal; with `tol` the number to begin with.
     tol : float, optional
         Error wanted of q and p at the nodes, relative to the range of each coordinate and to the
         largest momentum: steps are then divided where the path needs it (`Trajectory.sizes`). With
         neither `steps` nor `tol` it is 1e-9 as for `simulate`, and a path whose error stays above
-        that comes with a warning.
+        that comes with a warning. Where the action is minimised `tol` cannot be given; without
+        `steps` these are 20 to 160 of `gauss(4)`, until the error is below 1e-5.
     t0 : float
         Start time.
     guess : array (k, n) or Trajectory, optional
@@ -158,10 +161,11 @@ def doubt_of(path: Trajectory, usual: bool) -> str | None:
             f"{steps} steps of {path.rule} are too few for this path: with every step halved {how}"
             ". Take more steps, or give tol=, which makes steps short where the path needs it"
         )
-    if usual and not error <= DEFAULT_TOL:
+    wanted, more = (DEFAULT_TOL, "tol=") if path.solution is None else (LEAST_ERROR, "steps=")
+    if usual and not error <= wanted:
         return (
             f"with {steps} steps of {path.rule} the error of this path is {error:.1e}, more than "
-            f"the usual {DEFAULT_TOL:g}; give tol= for another accuracy, or a rule of higher order"
+            f"the usual {wanted:g}; give {more} for another accuracy, or a rule of higher order"
         )
     return None
 
@@ -180,23 +184,24 @@ def solutions(
     of `least_action`.
     """
     began = perf_counter()
+    require_system(system)
     if not isinstance(bounds, (Sequence, NoneType)):
         raise InputError(
             f"bounds must be a list of (lower, expression, upper), got {type(bounds).__name__}"
         )
     minimise = bool(bounds) or (isinstance(duration, Free) and given["energy"] is None)
-    asked = tol is not None
-    if steps is None and not asked and not minimise:
+    asked, chosen = tol is not None, steps is None or tol is not None
+    if chosen and not asked and not minimise:
         tol = DEFAULT_TOL
     if rule is None:
-        rule = _usual_rule(system, tol is not None, minimise)
+        rule = _usual_rule(system, chosen, minimise)
     begin = _steps(steps, tol, minimise, _rows(system, given["u"]))
     problem, nodes, (time, *window) = boundary_value_problem(
         system, rule, duration=duration, steps=begin, **given
     )
     if minimise:
-        first = first_path(problem, nodes, time)
-        yield minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
+        most = MOST_STEPS if chosen else problem.steps
+        yield _minimised(problem, nodes, time, (window[0], window[1]), bounds or [], began, most)
         return
     for mesh, outcome, error in search(problem, nodes, time, tol):
         path = path_of(mesh, outcome, error, began)
@@ -212,6 +217,28 @@ def solutions(
         yield (
             path if given["guess"] is None or given["periodic"] else with_ways_compared(path, nodes)
         )
+
+
+def _minimised(
+    problem: BoundaryValueProblem,
+    nodes: np.ndarray,
+    time: float,
+    window: tuple[float, float],
+    bounds: Sequence[tuple[Any, Any, Any]],
+    began: float,
+    most: int,
+) -> Trajectory:
+    """The path of least action, on twice as many steps up to so many until its error is small."""
+    while True:
+        try:
+            first = first_path(problem, nodes, time)
+            path = minimise_action(problem, first, window, bounds, began)
+            if path.stats["error_estimate"] <= LEAST_ERROR or 2 * problem.steps > most:
+                return path
+        except SolverError:
+            if 2 * problem.steps > most:
+                raise
+        problem = with_steps(problem, np.full(problem.steps, 2))
 
 
 def _check_solved(problem: BoundaryValueProblem, outcome: NewtonResult, path: Trajectory) -> None:
@@ -247,16 +274,20 @@ def _check_error(path: Trajectory, error: float, tol: float | None, asked: bool)
 
 def _usual_rule(system: System, chosen: bool, minimise: bool) -> Rule | None:
     """The rule of paths whose steps are chosen; None: the scene's own."""
-    constrained = isinstance(system, System) and bool(system.structure.constraints)
+    constrained = bool(system.structure.constraints)
     if chosen:
-        return lobatto(6) if constrained else gauss(6)
+        stages = 4 if minimise else 6
+        return lobatto(stages) if constrained else gauss(stages)
     # a composition has no path between its nodes
     return gauss(2) if minimise and not constrained else None
 
 
 def _rows(system: System, u: Any) -> int:
     """Rows of a table of controls, those of the steps that refinement begins with."""
-    shape = np.shape(u)
+    try:
+        shape = np.shape(u)
+    except (ValueError, TypeError, RuntimeError):  # refused, in words, where controls are read
+        return FIRST_STEPS
     table = len(shape) > 1 or (len(shape) == 1 and shape != (system.structure.controls,))
     return shape[0] if table and shape[0] else FIRST_STEPS
 
@@ -264,9 +295,7 @@ def _rows(system: System, u: Any) -> int:
 def _steps(steps: int | None, tol: float | None, minimise: bool, first: int) -> int:
     """Number of steps, or of those that refinement begins with."""
     if tol is None:
-        if steps is None:
-            raise InputError("give steps, the number of steps of the path whose action is least")
-        return steps
+        return LEAST_STEPS if steps is None else steps
     if not isinstance(tol, (int, float)) or not LEAST_TOL <= tol <= MOST_TOL:
         raise InputError(
             f"tol is relative to the range of the path, between {LEAST_TOL:g} and {MOST_TOL:g}; "
@@ -275,6 +304,6 @@ def _steps(steps: int | None, tol: float | None, minimise: bool, first: int) -> 
     if minimise:
         raise InputError(
             "tol is for stationary paths: a path of least action within bounds or of free duration "
-            "takes steps"
+            "takes steps, or none"
         )
     return first if steps is None else steps
