@@ -65,7 +65,7 @@ def test_two_hundred_links_run_as_data():
 def test_setting_up_many_links_is_said_where_someone_watches(monkeypatch, capsys):
     monkeypatch.setattr(progress, "_is_watched", lambda: True)
     monkeypatch.setattr(progress, "SILENCE", 1e-3)
-    monkeypatch.setattr(gears, "MANY", 5)
-    scene = branched(5).system()
-    vi.simulate(scene, vi.gauss(1), q0=np.zeros(5), v0=np.ones(5), h=1e-3, steps=1)
-    assert "arranging the operations of 5 coordinates" in capsys.readouterr().err
+    monkeypatch.setattr(gears, "MANY", 12)
+    scene = branched(12).system()
+    vi.simulate(scene, vi.gauss(1), q0=np.zeros(12), v0=np.ones(12), h=1e-3, steps=1)
+    assert "arranging the operations of 12 coordinates" in capsys.readouterr().err
