@@ -40,6 +40,7 @@ from varint.scene.system import System
 MOST_LEGS = 64  # beyond, each is short beside what varies
 CLOSER, FINER = 8.0, 16.0  # a leg of the first run than the whole motion; the second run
 LEAST = 1e-12  # that a leg is asked for
+BESIDE = 1.0, 4.0, 0.25, 16.0, 0.0625  # of what is wanted, where that cannot be shown by luck
 SAFE = 4.0  # legs may err in other directions than those in which they are seen to grow
 LOOKS = 16  # nodes of a leg at which runs are compared
 HALVINGS = 24  # of a step in fictitious time, until steps in physical time lead over its parts
@@ -71,7 +72,7 @@ def by_rate(
     kernel = loop_of(course, scene, branches[0])
     if kernel is None:
         return None
-    options = options._replace(tol=tol, events=None, save_every=1, progress=False)
+    options = options._replace(events=None, save_every=1, progress=False)
     try:
         return _proved(course, moving, kernel, options, tol, stop)
     except VarintError:
@@ -167,14 +168,12 @@ def _leg(
     tol: float,
     stop: Watch | None,
 ) -> _Leg:
-    """As close as is wanted, or as its rate leads."""
+    """As close as is wanted, or about so where its rate leads no closer or not so far."""
     asked, start = options._replace(duration=problem.h), Start(problem.q0, p0=problem.p0)
-    wanted, follows = tol, _follow(moving, rule, problem)
-    while follows and wanted <= max(options.tol or 0.0, tol):
-        found = choose_varying_steps(moving, rule, problem, start, asked, wanted)
+    for part in BESIDE if _follow(moving, rule, problem) else ():
+        found = choose_varying_steps(moving, rule, problem, start, asked, max(part * tol, LEAST))
         if isinstance(found, Choice):
             return _Leg(branch, found.motion, found.estimate, True)
-        wanted *= FINER
     how: dict[str, Any] = {"stop": stop, "scale": options.scale, "backend": options.backend}
     found = choose_steps(moving, rule, problem, tol, **how)
     return _Leg(branch, found.motion, found.estimate, False)
