@@ -32,6 +32,7 @@ from varint.integration.time_transformation.variable_course import (
     looks_ahead,
 )
 from varint.integration.tolerance import choose_steps
+from varint.integration.two_runs import FLOOR
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -115,7 +116,7 @@ def _proved(
 
 def _most(legs: Sequence[_Leg]) -> float:
     """That one of them may err by."""
-    return max(leg.estimate for leg in legs)
+    return max(FLOOR, *(leg.estimate for leg in legs))
 
 
 def _branches(course: Course) -> list[Branch]:
