@@ -27,6 +27,8 @@ _WITH_STEPS = """
 """
 WITH_STEPS = frozenset(_WITH_STEPS.split())
 KINKS = frozenset(("fabs", "fmin", "fmax"))  # steps of slopes alone
+FOLDS = {"asin": "sin", "acos": "cos", "atan": "tan"}  # with kinks or steps, of what each undoes
+ZERO = "zero"
 UNARY, BINARY = frozenset(_UNARY.split()), frozenset(_BINARY.split())
 CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
 _UNARY_NAMES = {CODES[name]: name for name in UNARY}
@@ -196,6 +198,11 @@ def operation(name: str, *taken: ca.SX) -> ca.SX:
     """One of `UNARY` or `BINARY` of what it takes."""
     make = ca.SX.unary if len(taken) == 1 else ca.SX.binary
     return make(CODES[name], *taken)
+
+
+def has_step(name: str, *inner: str) -> bool:
+    """Whether an operation of what is made by others has steps or kinks; a zero is made by ZERO."""
+    return name in WITH_STEPS or (name == "hypot" and ZERO in inner) or inner[0] == FOLDS.get(name)
 
 
 def _within(j: Any, count: int) -> bool:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 
 import casadi as ca
 
-from varint.numerics.operations import WITH_STEPS, operations_of
+from varint.numerics.operations import ZERO, has_step, operations_of
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,8 @@ def jumps(expression: ca.SX, x: ca.SX) -> bool:
             depends.append(name == "input" and taken[0] == 0)
             continue
         on_x = [depends[i] for i in taken]
-        if name in WITH_STEPS and any(on_x[:1] if name == "if_else_zero" else on_x):
+        inner = (ZERO if operations[i] == ("const", 0.0) else operations[i][0] for i in taken)
+        if any(on_x[:1] if name == "if_else_zero" else on_x) and has_step(name, *inner):
             return True
         depends.append(any(on_x))
     return False

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from varint.numerics.operations import WITH_STEPS, operation
+from varint.numerics.operations import ZERO, has_step, operation
 
 POWERS = frozenset(("sqrt", "pow", "constpow"))
 # not defined everywhere; of a power, where its exponent is no whole number
@@ -53,7 +54,8 @@ class Switches:
     def read(self, name: str, *taken: Node) -> Node:
         """An operation; where it has a step or a kink on the way, the smooth one of its branch."""
         on_way = taken[:1] if name == "if_else_zero" else taken
-        if name in WITH_STEPS and any(x.moves for x in on_way):
+        inner = (ZERO if x.value.is_zero() else self._made[x.number][0] for x in taken)
+        if any(x.moves for x in on_way) and has_step(name, *inner):
             return SMOOTH[name](self, *taken)
         key = (name, *(x.number for x in taken))
         if key in self._known:
@@ -89,6 +91,10 @@ class Switches:
                 if self._positive(x):
                     return self.side(rest, b)
         return self.difference(a, b)
+
+    def inner(self, a: Node) -> Node:
+        """What its last operation takes."""
+        return self._made[a.number][1][0]
 
     def _positive(self, a: Node) -> bool:
         """Whether it is nowhere negative, as far as its last operations tell."""
@@ -201,6 +207,31 @@ def _rounded(s: Switches, a: Node, b: Node) -> Node:
     return s.read("sub", a, s.read("mul", b, whole))
 
 
+def _half_turns(s: Switches, angle: Node, shift: float) -> tuple[Node, Node]:
+    """The rest of an angle, shifted, beside whole half turns, and the sign, 1 or −1, of these."""
+    pi = s.number(math.pi)
+    whole = s.whole(s.read("add", s.read("div", angle, pi), s.number(shift)))
+    turned = s.read("mul", pi, whole)
+    return s.read("sub", angle, turned), s.read("cos", turned)
+
+
+def _folded_by_sine(s: Switches, a: Node) -> Node:
+    """Asin(sin x)."""
+    return s.read("mul", *_half_turns(s, s.inner(a), 0.5))
+
+
+def _folded_by_cosine(s: Switches, a: Node) -> Node:
+    """Acos(cos x): from 0 to π, and back from π to 0."""
+    rest, sign = _half_turns(s, s.inner(a), 0.0)
+    back = s.read("mul", s.number(math.pi / 2), s.read("sub", s.number(1.0), sign))
+    return s.read("add", back, s.read("mul", sign, rest))
+
+
+def _folded_by_tangent(s: Switches, a: Node) -> Node:
+    """Atan(tan x)."""
+    return _half_turns(s, s.inner(a), 0.5)[0]
+
+
 def _both(s: Switches, a: Node, b: Node) -> Node:
     """What moves is zero at instants alone."""
     one = s.number(1.0)
@@ -225,5 +256,9 @@ SMOOTH: dict[str, Any] = {
     "ceil": lambda s, a: s.read("add", s.whole(a), s.number(1.0)),
     "fmod": _rounded_to_zero,
     "remainder": _rounded,
+    "hypot": lambda s, a, b: _size(s, a if b.value.is_zero() else b),
+    "asin": _folded_by_sine,
+    "acos": _folded_by_cosine,
+    "atan": _folded_by_tangent,
     "copysign": lambda s, a, b: s.read("mul", _size(s, a), s.sign(b)),
 }
