@@ -24,6 +24,7 @@ from varint.codegen.two_runs import (
     Rates,
     runs_made,
 )
+from varint.integration.cuts import clear_of_cuts
 from varint.integration.damped_motions import are_stiff, damped_turns, has_slopes_without
 from varint.integration.even_motion import Made, between_nodes, made_of, proved_motion
 from varint.integration.gears import kernel_after, kernel_now
@@ -136,7 +137,8 @@ def short_call(
         pool.append(room)
     if p0 is not None or events:
         return None
-    return varying_call(system, rule, start, duration, tol, pilot, began, runs)
+    found = varying_call(system, rule, start, duration, tol, pilot, began, runs)
+    return clear_of_cuts(found) if known.cuts else found
 
 
 def is_plainly_asked(rule: Any, t0: Any, duration: Any, tol: float) -> bool:
@@ -208,10 +210,9 @@ def by_the_core(
         return None
     if first is None or not (gears or alone):
         return None
-    if alone:  # it makes no shorter steps
-        if watched is not None:
-            return None
-        times = None
+    if alone and watched is not None:  # it makes no shorter steps
+        return None
+    times = None if alone or known.cuts else times
     kernel = kernel_now(gears) if gears else alone[0]
     if kernel is not loop.last[0]:
         course = course_by(system, rule, kernel, True)
@@ -242,13 +243,15 @@ def by_the_core(
     if type(found) is Trajectory:
         if times is not None:
             return between_nodes(found, kernel, times, steps)
+        if known.cuts:
+            return clear_of_cuts(found)
         if chosen is before and not low and (watched is None or watched.whole):
             there = room, known.rooms, gears.high if gears else alone, made, rates, c, how
             remember(system, known.rule, *there, beside, watched)
         return found
     if isinstance(found, tuple):
         motion, estimate = found
-        found = looked_at(motion, estimate, tol, known.held)
+        found = clear_of_cuts(looked_at(motion, estimate, tol, known.held))
         found = found if times is None else between_nodes(found, kernel, times, steps)
     elsewhere = known.held or (found == NOT_PROVED and is_one_map(system, rule))
     # where one map does not do, steps of another rule may

@@ -14,6 +14,7 @@ from varint.codegen.two_runs import NO_RATES, Rates
 from varint.codegen.within_steps import Within
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
+from varint.integration.cuts import cuts_of
 from varint.integration.damped_motions import may_be_damped
 from varint.integration.even_motion import Made
 from varint.integration.gears import BY_STAGES, Gears, gears_of
@@ -60,8 +61,8 @@ class Known:
     """Of a scene: coordinates, the rule that is asked for, rooms that nobody uses, rules, their
     prices and which is the cheapest when, their loops as far as they were asked for, whether steps
     may vary and the rates that they may follow, whether momenta will do for all of that, whether
-    constraint rows hold the motion, whether dampers may be stiff, and the last local numbers of a
-    start as bytes and the fastest frequency of these.
+    constraint rows hold the motion, whether dampers may be stiff, whether angles may jump, and the
+    last local numbers of a start as bytes and the fastest frequency of these.
     """
 
     n: int
@@ -75,6 +76,7 @@ class Known:
     by_momentum: bool
     held: bool
     damped: bool
+    cuts: bool
     last: list[tuple[bytes, float | None]]
 
 
@@ -101,7 +103,8 @@ def known_of(system: System, rule: Rule | None) -> Known | None:
     begin = rooms(system, True), prices, changes(prices)
     by_stages = rule is None or scheme_of(system, rule) is BY_STAGES
     damped = by_stages and may_be_damped(system)
-    last: tuple[bool, list[tuple[bytes, float | None]]] = damped, [(b"", 0.0)]
+    cuts = cuts_of(system) is not None
+    last: tuple[bool, bool, list[tuple[bytes, float | None]]] = damped, cuts, [(b"", 0.0)]
     return Known(n, rule, *begin, loops, varies, rates, by_momentum, held, *last)
 
 

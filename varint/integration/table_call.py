@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.integration.cuts import clear_of_cuts
 from varint.integration.plain_start import begin_in, room_of
 from varint.integration.short_call import is_plainly_asked
 from varint.integration.short_scenes import fastest_of
@@ -63,7 +64,8 @@ def table_call(
         fastest = fastest_of(known.n, known.last, room.local)
         radians, _ = angles_turned(duration, fastest, 0.0)
         asked = t0, duration, radians, tol
-        return by_table(system, known, table, room.places, c, asked, "auto", began)
+        found = by_table(system, known, table, room.places, c, asked, "auto", began)
+        return clear_of_cuts(found)  # type: ignore[no-any-return]
     finally:
         pool.append(room)
 

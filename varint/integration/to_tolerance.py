@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
+from varint.integration.cuts import cuts_of, meets_cut
 from varint.integration.damped_end import damped_until
 from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.fixed_steps import simulate_steps, watches_of
@@ -43,6 +46,8 @@ from varint.rules.rule import Rule
 from varint.scene.inputs import control_values, positive_integer
 from varint.scene.system import System
 
+ROUGH = 1e-3  # accuracy that shows whether a motion meets what jumps
+
 
 def simulate_to_tolerance(
     system: System,
@@ -72,15 +77,19 @@ def simulate_to_tolerance(
     stop, watches = watches_of(options.until, options.events)
     problem = whole_problem(system, plan(system, rule).rule, start, options.duration)
     rows = problem.steps
-    if has_switches(system):
+
+    def over_switches() -> Choice | None:
         from varint.integration.switches.switched_run import choose_switched_steps
 
-        switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
-        if switched is not None:
-            return with_estimate(switched.motion, switched, tol, began)
+        return choose_switched_steps(system, rule, problem, options, tol, stop, watches)
+
+    switched = over_switches() if has_switches(system) else None
+    if switched is not None:
+        return with_estimate(switched.motion, switched, tol, began)
+    looks = cuts_of(system) is not None and not has_switches(system)
     with notice(f"looking for the steps of tol={tol:g}", options.progress):
 
-        def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
+        def choose(problem: InitialValueProblem, options: RunOptions, tol: float = tol) -> Choice:
             ended = list[ConvergenceError]()
 
             def varying(astray: Trajectory | int | None = None) -> Choice | None:
@@ -105,6 +114,10 @@ def simulate_to_tolerance(
             except ConvergenceError as error:  # told by the run that came farthest
                 raise max([error, *ended], key=lambda x: abs(x.time - problem.t0)) from None
 
+        if looks and _meets_cut_roughly(partial(choose, problem, options, max(tol, ROUGH))):
+            switched, looks = over_switches(), False
+            if switched is not None:
+                return with_estimate(switched.motion, switched, tol, began)
         if stop is None or rows > 1:
             choice = choose(problem, options)
         else:
@@ -114,6 +127,8 @@ def simulate_to_tolerance(
                 choice, watches = found, []  # looked for already
             else:
                 choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
+    if looks and meets_cut(choice.motion) and (switched := over_switches()):
+        return with_estimate(switched.motion, switched, tol, began)
     if watches and choice.motion.sizes is None:
         motion, choice = _watched(system, start, options, problem, choice, tol)
         return with_estimate(motion, choice, tol, began)
@@ -125,6 +140,16 @@ def simulate_to_tolerance(
         warnings.warn(alarm, stacklevel=3)
     motion = motion if every == 1 else subsample(motion, every)
     return with_estimate(motion, choice, tol, began)
+
+
+def _meets_cut_roughly(choose: Callable[[], Choice]) -> bool:
+    """Whether an angle jumps on the way, as far as a rough motion tells: over a cut the accuracy
+    that is asked for takes very many steps.
+    """
+    try:
+        return meets_cut(choose().motion)
+    except ConvergenceError:
+        return False
 
 
 def _alarm(choice: Choice, tol: float) -> str | None:

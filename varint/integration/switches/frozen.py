@@ -10,6 +10,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.integration.cuts import cuts_of
 from varint.integration.switches.reading import Node, Switches
 from varint.numerics.operations import Operations, operations_of
 from varint.scene.memory import per_system
@@ -55,10 +56,11 @@ def frozen_scene(system: System) -> FrozenScene | None:
     moving = ca.vertcat(s.q, s.v, s.t)
     if jumps(ca.vertcat(s.constraint, ca.vec(s.nonholonomic)), moving):
         return None
-    read = Switches(moving)
+    cuts = cuts_of(s) is not None
+    read = Switches(moving, cuts)
     nodes = _read(read, operations, inputs)
     if read.bounded:
-        read = Switches(moving, kinks=True)
+        read = Switches(moving, cuts, kinks=True)
         nodes = _read(read, operations, inputs)
     count = len(read.symbols)
     if not 0 < count <= MOST_SWITCHES:

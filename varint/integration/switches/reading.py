@@ -28,12 +28,15 @@ class Switches:
     """The operations of an expression, read one after the other, and the switches found in them.
 
     `symbols` are the parameters s that stand for steps, `sigma` what they are the signs of, or, if
-    they count (`counts`), the whole parts. With `kinks` those of max, min and \\|x\\| stay in
-    the expression; `bounded` tells whether it has operations that are not defined everywhere, as
-    √x, so that no step may go on in a branch beyond its end.
+    they count (`counts`), the whole parts. Angles of atan2 are read with `cuts`. With `kinks`
+
+    those of max, min and \\|x\\| stay in the expression; `bounded` tells whether it has
+    operations that are not defined everywhere, as √x, so that no step may go on in a branch beyond
+    its end.
     """
 
-    def __init__(self, moving: ca.SX, kinks: bool = False):
+    def __init__(self, moving: ca.SX, cuts: bool, kinks: bool = False):
+        self.cuts = cuts
         self.kinks = kinks
         self.bounded = False
         self.moving = {x.element_hash() for x in ca.vertsplit(moving)}
@@ -55,7 +58,8 @@ class Switches:
         """An operation; where it has a step or a kink on the way, the smooth one of its branch."""
         on_way = taken[:1] if name == "if_else_zero" else taken
         inner = (ZERO if x.value.is_zero() else self._made[x.number][0] for x in taken)
-        if any(x.moves for x in on_way) and has_step(name, *inner):
+        jumps = (name == "atan2" and self.cuts) or has_step(name, *inner)
+        if jumps and any(x.moves for x in on_way):
             return SMOOTH[name](self, *taken)
         key = (name, *(x.number for x in taken))
         if key in self._known:
@@ -92,9 +96,9 @@ class Switches:
                     return self.side(rest, b)
         return self.difference(a, b)
 
-    def inner(self, a: Node) -> Node:
-        """What its last operation takes."""
-        return self._made[a.number][1][0]
+    def made(self, a: Node) -> tuple[str, tuple[Node, ...]]:
+        """Its last operation and what that takes."""
+        return self._made[a.number]
 
     def _positive(self, a: Node) -> bool:
         """Whether it is nowhere negative, as far as its last operations tell."""
@@ -217,19 +221,34 @@ def _half_turns(s: Switches, angle: Node, shift: float) -> tuple[Node, Node]:
 
 def _folded_by_sine(s: Switches, a: Node) -> Node:
     """Asin(sin x)."""
-    return s.read("mul", *_half_turns(s, s.inner(a), 0.5))
+    return s.read("mul", *_half_turns(s, s.made(a)[1][0], 0.5))
 
 
 def _folded_by_cosine(s: Switches, a: Node) -> Node:
     """Acos(cos x): from 0 to π, and back from π to 0."""
-    rest, sign = _half_turns(s, s.inner(a), 0.0)
+    rest, sign = _half_turns(s, s.made(a)[1][0], 0.0)
     back = s.read("mul", s.number(math.pi / 2), s.read("sub", s.number(1.0), sign))
     return s.read("add", back, s.read("mul", sign, rest))
 
 
 def _folded_by_tangent(s: Switches, a: Node) -> Node:
     """Atan(tan x)."""
-    return _half_turns(s, s.inner(a), 0.5)[0]
+    return _half_turns(s, s.made(a)[1][0], 0.5)[0]
+
+
+def _angle(s: Switches, y: Node, x: Node) -> Node:
+    """Atan2(y, x): a right angle towards the side s of the x axis, and the angle from there, whose
+    cut is far away. Atan2(sin e, cos e) of one e is that beside whole turns.
+    """
+    (up, sine), (along, cosine) = (s.made(z) for z in (y, x))
+    if up == "sin" and along == "cos" and sine == cosine:
+        turns = s.read("div", sine[0], s.number(2 * math.pi))
+        whole = s.whole(s.read("add", turns, s.number(0.5)))
+        return s.read("sub", sine[0], s.read("mul", s.number(2 * math.pi), whole))
+    side = s.sign(y)
+    across = s.read("neg", s.read("mul", side, x))
+    rest = s.kink("atan2", across, s.read("mul", side, y))
+    return s.read("add", s.read("mul", s.number(math.pi / 2), side), rest)
 
 
 def _both(s: Switches, a: Node, b: Node) -> Node:
@@ -260,5 +279,6 @@ SMOOTH: dict[str, Any] = {
     "asin": _folded_by_sine,
     "acos": _folded_by_cosine,
     "atan": _folded_by_tangent,
+    "atan2": _angle,
     "copysign": lambda s, a, b: s.read("mul", _size(s, a), s.sign(b)),
 }
