@@ -95,6 +95,21 @@ def test_halved_steps_show_what_lies_between_their_nodes(stiff, power, height, t
     assert np.array_equal(vi.load(tmp_path / "ball.npz").at(times).q, motion.at(times).q)
 
 
+@pytest.mark.parametrize("power", [0.5, 1 / 3, 1.5])
+def test_powers_of_sizes_are_halved_on_both_sides(power):
+    """x'' = −x − sign(x) |x|ⁿ: what is zero at the switch is x on one side and −x on the other,
+    and stiffness is infinite there for n < 1. The energy x'²/2 + x²/2 + |x|ⁿ⁺¹/(n + 1) is kept.
+    """
+    q, v = vi.coordinates("x")
+    spring = -ca.sign(q) * ca.fabs(q) ** power
+    scene = vi.System(q, v, v**2 / 2 - q**2 / 2, force=spring)
+    motion = vi.simulate(scene, q0=1.2, v0=-0.3, duration=12.0)
+    x, speed = motion.q[:, 0], motion.v[:, 0]
+    energy = speed**2 / 2 + x**2 / 2 + np.abs(x) ** (power + 1) / (power + 1)
+    assert np.abs(energy / energy[0] - 1).max() < 1e-9
+    assert motion.stats["switches"] >= 5 and len(motion) < 1000
+
+
 def test_two_balls_that_press_one_another_are_halved_as_well():
     """Newton's cradle of two: the second leaves with all of the momentum of the first, whatever
     the power, and the first one rests.

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.numerics.arrays import over_columns
-from varint.numerics.operations import operations_of, values_of
+from varint.numerics.operations import operations_of, takes, values_of
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -25,8 +25,9 @@ def cuts_of(system: System) -> ca.Function | None:
     """(q, v, t, c) → y and x of each angle that forces or momenta depend on; None where there is
     none whose x may be negative.
     """
-    s = system
-    state = ca.vertcat(s.q, s.v)
+    s, state = system, ca.vertcat(system.q, system.v)
+    if not takes("atan2", ca.vertcat(s.lagrangian, s.force)):
+        return None
     rates = ca.densify(ca.vertcat(ca.gradient(s.lagrangian, state), s.force))
     inputs = [s.q, s.v, s.t, s.c, s.control]
     nodes = operations_of(ca.Function("rates", inputs, [rates])).nodes

@@ -200,6 +200,12 @@ def operation(name: str, *taken: ca.SX) -> ca.SX:
     return make(CODES[name], *taken)
 
 
+def takes(name: str, expression: ca.SX) -> bool:
+    """Whether an operation is among those of an expression."""
+    function = ca.Function("some", ca.symvar(expression), [expression])
+    return CODES[name] in map(function.instruction_id, range(function.n_instructions()))
+
+
 def has_step(name: str, *inner: str) -> bool:
     """Whether an operation of what is made by others has steps or kinks; a zero is made by ZERO."""
     return name in WITH_STEPS or (name == "hypot" and ZERO in inner) or inner[0] == FOLDS.get(name)

@@ -124,8 +124,7 @@ def _met(frozen: FrozenScene, row: ca.SX) -> frozenset[tuple[int, int, float]]:
     s, m = frozen.system, frozen.s.numel()
     look = ca.Function("look", [s.q, s.v, s.t, s.c], [row, ca.densify(frozen.sigma)])
     random, c = Random(1), s.default_vector.copy()
-    ratios: dict[tuple[int, int], list[float]] = {}
-    sides: dict[tuple[int, int], set[float]] = {}
+    ratios: dict[tuple[int, int, float], list[float]] = {}
     for place in range(PLACES):
         size = 0.1 ** (place % NEARER)
         at = [size * normal_numbers(random, x.numel()) for x in (s.q, s.v, s.t)]
@@ -134,14 +133,13 @@ def _met(frozen: FrozenScene, row: ca.SX) -> frozenset[tuple[int, int, float]]:
             c[-m:] = np.sign(sigma)
         for k in np.flatnonzero(np.isfinite(base) & (base != 0)).tolist():
             for j in np.flatnonzero(~frozen.counts & (sigma != 0)).tolist():
-                ratios.setdefault((k, j), []).append(base[k] / sigma[j])
-                sides.setdefault((k, j), set()).add(float(np.sign(sigma[j])))
-    alike = [
+                seen = ratios.setdefault((k, j, float(np.sign(sigma[j]))), [])
+                seen.append(base[k] / sigma[j])
+    return frozenset(
         x
-        for x, found in ratios.items()
-        if len(found) >= SEEN and np.ptp(found) <= ALIKE * abs(found[0])
-    ]
-    return frozenset((int(k), int(j), side) for k, j in alike for side in sides[k, j])
+        for x, seen in ratios.items()
+        if len(seen) >= SEEN and np.ptp(seen) <= ALIKE * abs(seen[0])
+    )
 
 
 def _exponent(nodes: list[tuple], name: str, taken: list[int]) -> float | None:

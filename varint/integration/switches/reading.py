@@ -28,11 +28,9 @@ class Switches:
     """The operations of an expression, read one after the other, and the switches found in them.
 
     `symbols` are the parameters s that stand for steps, `sigma` what they are the signs of, or, if
-    they count (`counts`), the whole parts. Angles of atan2 are read with `cuts`. With `kinks`
-
-    those of max, min and \\|x\\| stay in the expression; `bounded` tells whether it has
-    operations that are not defined everywhere, as √x, so that no step may go on in a branch beyond
-    its end.
+    they count (`counts`), the whole parts. Angles of atan2 are read with `cuts`. With `kinks` those
+    of max, min and \\|x\\| stay in the expression; `bounded` tells whether it has operations that
+    are not defined everywhere, as √x, so that no step may go on in a branch beyond its end.
     """
 
     def __init__(self, moving: ca.SX, cuts: bool, kinks: bool = False):
@@ -178,7 +176,7 @@ class Switches:
 
 def _fabs(s: Switches, a: Node) -> Node:
     sign = s.sign(a)
-    return s.kink("fabs", a) if s.kinks else s.read("mul", sign, a)
+    return s.floor(s.kink("fabs", a) if s.kinks else s.read("mul", sign, a), s.number(0.0))
 
 
 def _largest(s: Switches, a: Node, b: Node) -> Node:
