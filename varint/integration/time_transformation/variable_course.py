@@ -68,6 +68,7 @@ CLOSER = 0.01
 # one that was expected too late costs another run
 FORESEEN = 1e5
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
+STILL = 1e-3  # radians of a whole motion: forces of its beginning are none, and so is their rate
 MOST_COORDINATES = 128  # beyond, finding the rate takes many seconds
 
 
@@ -99,7 +100,7 @@ def choose_varying_steps(
         kinds = (x for x in kinds_of(system) if rate_varies(system, astray, WORTH, x))
         looks = (rate_pilot(system, problem.q0, v, t0, c, total, total < 0, x) for x in kinds)
         pilot = next((look for look in looks if look is not None), None)
-    if pilot is None:
+    if pilot is None or pilot.mean * abs(total) < STILL:
         return None
     word = FLIGHT if pilot.flight else AUTO
     span = pilot.mean * total
