@@ -16,7 +16,7 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.bent_steps import CLOSE, made_by_bends
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
-from varint.integration.energy_check import keeps_energy
+from varint.integration.energy_check import energy_jump, keeps_energy
 from varint.integration.error_scale import careful_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.narrow_places import PARTS
@@ -73,12 +73,15 @@ CERTAIN = 2  # times, where there were digits already and nothing jumps
 # times the steps of a run with contacts, where that many are missing and runs come together by the
 # rule's order: those between would take longer than they tell
 LEAP = 4
-ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
+# steps over forces that jump or hardly last, or whose energy is another one, beyond which more
+# would not do
+ENOUGH = 2**20
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 # a run that went astray, or which rate varies along it → the choice with steps that follow the
 # scene, where it asks for them
 Varying = Callable[[Trajectory | int], Choice | None]
-# steps of a run over forces beyond which it is seen whether a rate varies along it, once
+# steps of a run over forces beyond which it is seen whether a rate varies along it, once; of one
+# that keeps its energy, below which runs that do not come together are taken for unresolved
 FOLLOWED = 4096
 
 
@@ -153,6 +156,12 @@ def refine(
             before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
             shown = math.inf
             continue
+        if smooth and energy_jump(motion):  # steps lead over what turns it back
+            before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
+            shown, stalls = math.inf, 0
+            if steps > min(most, ENOUGH):
+                return Choice(rule, steps // 2, motion, 1.0, runs, False)
+            continue
         if forced and varying and not followed and steps >= FOLLOWED:
             followed, found = True, varying(motion)
             if found:
@@ -201,13 +210,15 @@ def refine(
         first = math.isinf(by_order) and apart < NO_DIGITS
         by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
         sure = best is not None and apart < NO_DIGITS and not over_jumps
+        sure = sure and (steps >= FOLLOWED or not smooth)
         if stalls:
             # linear scenes and rolling ones keep their energy whatever the steps; elsewhere runs
             # whose energy has no larger error are apart by the growth of round-off alone
             tells = smooth and free and not s.linear
             still = tells and energy_errors(motion)[MIDDLE] < STILL
             sooner = smooth and apart > EVIDENCE * by_order
-            wanders = apart > tol and (rounded == apart or sooner or still)
+            grown = (rounded == apart or sooner) and steps >= FOLLOWED
+            wanders = apart > tol and (grown or still)
             if wanders or stalls == (CERTAIN if sure else PATIENCE):
                 best = best and replace(best, estimate=max(best.estimate, apart))
                 break
