@@ -155,6 +155,11 @@ SCENES = {
 }
 
 
+def carried(part):
+    """The bytes of what a run carries on; what is no number has the sign of the processor's."""
+    return np.where(np.isnan(part.carry), np.nan, part.carry).tobytes()
+
+
 @pytest.mark.parametrize("which", SCENES)
 def test_a_run_has_the_bytes_of_the_compiled_one(which):
     """So has what it carries on: either may go on where the other stopped."""
@@ -168,7 +173,7 @@ def test_a_run_has_the_bytes_of_the_compiled_one(which):
         simulated(k, *start, 200, system, u=u, save_every=3, **options) for k in (tape, code)
     )
     assert one.rows.tobytes() == other.rows.tobytes()
-    assert one.carry.tobytes() == other.carry.tobytes()
+    assert carried(one) == carried(other)
     assert one.iterations == other.iterations and one.residual == other.residual
     half = None if u is None else u[:100]
     rest = None if u is None else u[100:]
