@@ -16,12 +16,12 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.bent_steps import CLOSE, made_by_bends
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
-from varint.integration.energy_check import energy_jump, keeps_energy
+from varint.integration.energy_check import energy_jump
 from varint.integration.error_scale import careful_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.narrow_places import PARTS
 from varint.integration.problem import InitialValueProblem
-from varint.integration.resolved_steps import resolves
+from varint.integration.resolved_steps import resolves, strays
 from varint.integration.round_off import (
     GROWS,
     growth_of,
@@ -48,11 +48,10 @@ from varint.integration.second_looks import (
     start_rounding,
     transient,
 )
-from varint.integration.shown_order import CAUTION, LEAST_ORDER
+from varint.integration.shown_order import CAUTION, LEAST_ORDER, left_of_pair
 from varint.integration.two_runs import (
     EVIDENCE,
     FLOOR,
-    GAIN,
     LEFT,
     MIDDLE,
     STALLED,
@@ -194,7 +193,7 @@ def refine(
         if ends_early:
             seen = max(seen, ends_apart(before[1], motion, scales))
         # no smooth motion comes together faster than by the rule's order: less is luck
-        left = _left(longer if leaps else ratio, ratio, rule.order)
+        left = left_of_pair(longer if leaps else ratio, ratio, rule.order)
         apart = max(seen, 0.0 if math.isinf(last) else last * left)
         if ratio in (2, LEAP) and last < math.inf:
             farther = min(max(apart, FLOOR), 1 / FLOOR)  # without end where a run is over at once
@@ -206,7 +205,8 @@ def refine(
         lost = apart >= NO_DIGITS and free and not (over_jumps or leaps)
         resolved = (lost or apart > STALLED * last) and resolves(motion)
         stalled = apart > STALLED * last and resolved
-        stalls = stalls + 1 if stalled and not _strays(system, motion, apart, radians) else 0
+        strayed = apart >= NO_DIGITS and strays(system, motion, radians, NO_DIGITS)
+        stalls = stalls + 1 if stalled and not strayed else 0
         first = math.isinf(by_order) and apart < NO_DIGITS
         by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
         sure = best is not None and apart < NO_DIGITS and not over_jumps
@@ -279,20 +279,3 @@ def refine(
         f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
         "to see where it ends"
     )
-
-
-def _left(longer: float, ratio: float, order: int) -> float:
-    """What the order leaves of the difference of two runs, the finer of `longer` times the steps,
-    in that of the finer and one of `ratio` times its steps.
-    """
-    return longer**-order * (1 - ratio**-order) / (1 - longer**-order)
-
-
-def _strays(system: System, motion: Trajectory, apart: float, radians: float) -> bool:
-    """Whether runs are far apart since steps are too long for so many turns: a relative error of
-    the energy makes one of the phase that grows with the angle turned.
-    """
-    if apart < NO_DIGITS or not keeps_energy(system):
-        return False
-    turned = max(radians, 1.0)  # of degenerate scenes it is not known
-    return GAIN * turned * energy_errors(motion)[MIDDLE] > NO_DIGITS

@@ -33,3 +33,10 @@ def left_by_order(
         drop = math.log(max(before, floor) / max(apart, floor)) / math.log(finer)
         order = min(max(drop, LEAST_ORDER), best)
     return part_left(ratio, order, best)
+
+
+def left_of_pair(longer: float, ratio: float, order: int) -> float:
+    """What the order leaves of the difference of two runs, the finer of `longer` times the steps,
+    in that of the finer and one of `ratio` times its steps.
+    """
+    return longer**-order * (1 - ratio**-order) / (1 - longer**-order)
