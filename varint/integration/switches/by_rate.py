@@ -92,7 +92,7 @@ def _proved(
     shows whose legs begin beside the ends of those before.
     """
     given, wanted = options.scale, max(tol / CLOSER, LEAST)
-    nudged = _legs(course, moving, options, wanted, stop, nudged=True)
+    nudged = _legs(course, moving, options, wanted, stop, beside=1.0)
     if not any(leg.follows for leg in nudged):
         return None
     wanted = max(wanted / FINER, LEAST)
@@ -139,10 +139,10 @@ def _legs(
     options: RunOptions,
     tol: float,
     stop: Watch | None,
-    nudged: bool = False,
+    beside: float = 0.0,
 ) -> list[_Leg]:
-    """One after the other, until the end or the stop; or each beside the end of the one before, by
-    what the worst so far may err by, which differences of runs then show how it grows.
+    """One after the other, until the end or the stop; each `beside` the end of the one before by so
+    many times what the worst so far may err by: differences of runs then show how that grows.
     """
     begun, legs = course.problem, list[_Leg]()
     ends = [begun.t0, *course.timetable.times.tolist(), begun.t0 + begun.h]
@@ -151,7 +151,7 @@ def _legs(
         c = all_parameters(begun.c, branch)
         problem = begun._replace(q0=q, p0=p, t0=begin, h=end - begin, c=c, u=none)
         legs.append(_leg(branch, moving, course.rule, problem, options, tol, stop))
-        motion, off = legs[-1].motion, _most(legs) * nudged
+        motion, off = legs[-1].motion, beside * _most(legs)
         early = abs(motion.t[-1] - end) > EDGE * max(abs(end), abs(begun.h))
         if stop is not None and early:
             break

@@ -62,9 +62,11 @@ def stiff_at_first(course: Course, branch: Branch) -> bool:
 
 
 def _least_order(course: Course, branch: Branch) -> float:
+    """Of steps beside the switches of a branch; infinite where no power begins."""
     known = _fractional(course.system)
-    meet = () if known is None else known.meet
-    met = (known.orders[k] for k, j, side in meet if branch.values[j] == side)  # type: ignore[union-attr]
+    if known is None:
+        return math.inf
+    met = (known.orders[k] for k, j, side in known.meet if branch.values[j] == side)
     return float(min(met, default=math.inf))
 
 

@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from varint.codegen.kernel import Kernel, told_of
-from varint.discrete.legendre import velocity_function
 from varint.integration.switches import halved
 from varint.integration.switches.branch import Branch, BranchScene, branch_scene
 from varint.integration.switches.course import Course, Piece, which_moves
@@ -19,7 +18,6 @@ from varint.integration.switches.drive import drive_frequency, fastest_small_mot
 from varint.integration.switches.fractional import halvings, stiff_at_first
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.touching import held_scene
-from varint.numerics.arrays import call
 from varint.results.records import State
 from varint.scene.system import System
 
@@ -106,9 +104,8 @@ def next_piece(
             course.units[alike] = min(most, max(length, most * LEAST_UNIT))
     for nodes in (even, every or even):
         _make_rays_unit(course.system, nodes.states)
-    piece = Piece(
-        branch, h, steps, even.t, even.states, iterations, residual, every=every and every[:2]
-    )
+    how = even.t, even.states, iterations, residual
+    piece = Piece(branch, h, steps, *how, every=every and (every.t, every.states))
     return piece, None if found is None else scene.watched[found.margin]
 
 
@@ -166,7 +163,7 @@ def unit_of(course: Course, branch: Branch, start: State) -> float:
         scene = branch_scene(system)
         assert scene is not None
         c, total = all_parameters(course.problem.c, branch), course.problem.h
-        v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
+        v = halved.velocity_at(scene.system, start, c)
         # what holds the motion slows it down
         fastest = 0.0
         if not stiff_at_first(course, branch):

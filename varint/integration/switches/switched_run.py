@@ -20,6 +20,7 @@ from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.round_off import GROWS, parted, with_other_digits
 from varint.integration.rule_choice import choose_rule, phase_error
+from varint.integration.shown_order import LEAST_ORDER
 from varint.integration.switches.by_rate import by_rate
 from varint.integration.switches.compared import apart_from, least_resolved, untold
 from varint.integration.switches.course import Course, Piece, kernel_in
@@ -48,7 +49,6 @@ FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that lead no farther, after which it is given up
 FARTHER = 0.01  # of the duration
 MOST_DOUBLINGS = 4  # of the steps at a time
-LEAST_ORDER = 0.5  # that differences of runs are believed to have
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
 
 
